@@ -1,0 +1,28 @@
+"""Package spikelane_controllers."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+setup(
+    name='spikelane_controllers',
+    version='0.1.0',
+    packages=find_packages(),
+    package_data={'spikelane_controllers': ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/spikelane_controllers']),
+        ('share/spikelane_controllers', ['package.xml']),
+        ('share/spikelane_controllers/config', glob('config/*.yaml')),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=False,
+    maintainer='Spikelane developers',
+    maintainer_email='spikelane@example.org',
+    description='Controllers for lane keeping',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'braitenberg = spikelane_controllers.nodes.braitenberg:main',
+        ],
+    },
+)

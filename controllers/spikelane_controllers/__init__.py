@@ -1,0 +1,1 @@
+"""Spiking networks, encoding and decoding; free of ROS but for `nodes`."""

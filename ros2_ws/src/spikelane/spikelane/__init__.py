@@ -1,0 +1,1 @@
+"""Spikelane: laps, recordings, metrics and pictures of the lane-keeping experiment."""

@@ -1,0 +1,1 @@
+"""Course, robot, event camera and Gymnasium environment; free of ROS but for `nodes`."""

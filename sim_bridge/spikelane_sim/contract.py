@@ -1,0 +1,119 @@
+"""What simulators, robots and controllers exchange, in-process and over ROS alike.
+
+A simulator is `reset(lane, seed) -> Observation` and `step(wheels) -> Observation`. A controller
+is `reset(rng)` at the start of an episode, then `step(observation) -> WheelVelocities` for every
+observation of it, the last one included (nothing is done with that last answer).
+
+Distances are positive when the robot is to the right of the lane's centre, seen in its direction
+of travel. Simulation time starts one step after zero, since zero means "no time yet".
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.events import Events
+
+#: One step of simulation [ns] (paper section 3.2: an event frame every 50 ms).
+STEP_NS = 50_000_000
+STEP_S = STEP_NS / 1e9
+
+
+class WheelVelocities(NamedTuple):
+    """Target velocities of the wheels.
+
+    The paper states motor speeds in m/s; only rad/s agrees with its lap of about 5,000 steps
+    (32 m at 1.0 to 1.5 rad/s times a wheel radius of 0.0975 m), so rad/s it is, everywhere.
+    """
+
+    left: float  # [rad/s], forward positive
+    right: float  # [rad/s], forward positive
+
+
+class RobotState(NamedTuple):
+    """Pose and motion of the robot's body (frame base_link) in the world."""
+
+    position: tuple[float, float, float]  # x, y, z [m]
+    orientation: tuple[float, float, float, float]  # quaternion x, y, z, w
+    linear: tuple[float, float, float]  # velocity in base_link [m/s]
+    angular: tuple[float, float, float]  # velocity in base_link [rad/s]
+    wheel_angles: tuple[float, float]  # left, right [rad]
+    wheel_velocities: tuple[float, float]  # left, right [rad/s]
+
+
+class LaneState(NamedTuple):
+    """Where the robot is on its lane, and how the episode stands."""
+
+    lane: str  # name of the lane driven, in the course's file
+    distance_m: float  # from the lane's centre, right of it positive
+    heading_error_rad: float  # robot's heading less the lane's, left positive, [-pi, pi)
+    position_m: float  # along the lane's centre from the start of its first section
+    section: str  # 'A' to 'F' on the paper's course
+    progress_m: float  # along the lane since the reset, counted over laps
+    laps: int  # completed since the reset
+    episode: int  # counts resets, the first is 1
+    step: int  # steps since the reset, 0 in the first observation
+    terminated: bool  # the episode is over, `reason` says why
+    reason: str  # '', or one of the TERMINATED_ constants
+
+
+TERMINATED_LANE_LOST = 'lane_lost'
+TERMINATED_LAPS_COMPLETE = 'laps_complete'
+TERMINATED_STEP_LIMIT = 'step_limit'
+
+
+class Observation(NamedTuple):
+    """What a controller is given after each step."""
+
+    stamp_ns: int  # simulation time at the end of the step
+    events: Events  # of this step, in the order of time, row, column
+    lane: LaneState | None  # None where nobody knows it: a real camera
+
+
+class Robot(Protocol):
+    """A differential-drive robot, simulated in steps of 50 ms."""
+
+    def reset(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        """Place the robot, at rest."""
+
+    def step(self, wheels: WheelVelocities) -> NDArray[np.float64]:
+        """Drive for one step with these target velocities.
+
+        Returns:
+            Poses of the body during the step, (n, 7): x, y, z [m] and quaternion x, y, z, w, the
+            last row at the step's end. n is fixed when the robot is made.
+        """
+
+    @property
+    def state(self) -> RobotState:
+        """Pose and motion now."""
+
+    def close(self) -> None:
+        """Release what the robot holds."""
+
+
+class Controller(Protocol):
+    """Turns events into wheel velocities."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode; all randomness until the next reset comes from rng."""
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation."""
+
+
+def controller_rng(seed: int, episode: int) -> np.random.Generator:
+    """Return the generator a controller draws from in an episode.
+
+    It depends on seed and episode alone, so that a run over ROS, in-process or resumed draws
+    the same numbers.
+    """
+    return np.random.default_rng([seed, episode, 1])
+
+
+def simulator_rng(seed: int, episode: int) -> np.random.Generator:
+    """Return the generator that the simulator's noise comes from in an episode."""
+    return np.random.default_rng([seed, episode, 0])

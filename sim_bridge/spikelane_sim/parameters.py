@@ -1,0 +1,231 @@
+"""Parameters: frozen dataclasses whose fields know their meaning, unit, range and source.
+
+Declared once, here in the core; ROS parameters, YAML files, command-line flags and the metadata
+of bags and checkpoints are all made from `Parameters.specs()`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+import math
+from typing import Any, get_type_hints, TypeVar
+
+from spikelane_sim.errors import ParameterError
+
+ParametersT = TypeVar('ParametersT', bound='Parameters')
+
+# The kinds of value a parameter can have: what ROS parameters, YAML and command lines share.
+_KIND_NAMES = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number',
+    str: 'a text',
+    tuple: 'a list of numbers',
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class ParameterSpec:
+    """What is known of one parameter.
+
+    Attributes:
+        name: Dotted name, `camera.width` for a field of nested parameters.
+        kind: bool, int, float, str, or tuple for a list of floats.
+        default: Value used where none is given.
+        description: What it means, one sentence.
+        unit: SI unit, empty for pure numbers.
+        low: Smallest allowed value, None for no bound.
+        high: Largest allowed value, None for no bound.
+        choices: Allowed texts, empty for any.
+        source: Where the default comes from (a place in the paper), empty for our own choice.
+    """
+
+    name: str
+    kind: type
+    default: Any
+    description: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    source: str = ''
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words, for messages, help texts and parameter descriptors."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        unit = f' {self.unit}' if self.unit else ''
+        kind = _KIND_NAMES[self.kind]
+        if self.low is not None and self.high is not None:
+            return f'{kind} from {self.low:g} to {self.high:g}{unit}'
+        if self.low is not None:
+            return f'{kind} of at least {self.low:g}{unit}'
+        if self.high is not None:
+            return f'{kind} of at most {self.high:g}{unit}'
+        return f'{kind}{f" [{self.unit}]" if self.unit else ""}'
+
+    def check(self, value: object) -> Any:
+        """Return the value in this parameter's kind.
+
+        Raises:
+            ParameterError: The value is of another kind or not allowed.
+        """
+        converted = _convert(self.kind, value)
+        if converted is None or not self._is_allowed(converted):
+            raise ParameterError(f'{self.name}: expected {self.allowed}, got {value!r}')
+        return converted
+
+    def _is_allowed(self, value: Any) -> bool:
+        if self.choices:
+            return value in self.choices
+        numbers = value if self.kind is tuple else (value,)
+        if self.kind not in (int, float, tuple):
+            return True
+        return all(
+            math.isfinite(number)
+            and (self.low is None or number >= self.low)
+            and (self.high is None or number <= self.high)
+            for number in numbers
+        )
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = '',
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    source: str = '',
+) -> Any:
+    """Declare a field of a `Parameters` class; see `ParameterSpec` for the arguments."""
+    metadata = {
+        'description': description,
+        'unit': unit,
+        'low': low,
+        'high': high,
+        'choices': choices,
+        'source': source,
+    }
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def nested(parameters: type[ParametersT]) -> Any:
+    """Declare a field that holds another `Parameters` class, at its defaults."""
+    return dataclasses.field(default_factory=parameters)
+
+
+class Parameters:
+    """Base of the frozen dataclasses that hold parameters; validates on construction.
+
+    Subclasses are `@dataclass(frozen=True, kw_only=True)` whose fields are made by `parameter`
+    or `nested`. Relations between fields are checked in `_check_relations`.
+    """
+
+    def __post_init__(self) -> None:
+        """Check every field against its declaration.
+
+        Raises:
+            ParameterError: A value is of the wrong kind or outside its range.
+        """
+        for spec in _own_specs(type(self)):
+            object.__setattr__(self, spec.name, spec.check(getattr(self, spec.name)))
+        self._check_relations()
+
+    def _check_relations(self) -> None:
+        """Raise ParameterError where fields contradict each other."""
+
+    @classmethod
+    def specs(cls, prefix: str = '') -> Iterator[ParameterSpec]:
+        """Yield what is known of every parameter, nested ones under dotted names."""
+        for spec in _own_specs(cls):
+            yield dataclasses.replace(spec, name=prefix + spec.name)
+        for name, group in _groups(cls).items():
+            yield from group.specs(f'{prefix}{name}.')
+
+    @classmethod
+    def from_mapping(
+        cls: type[ParametersT], values: Mapping[str, Any], where: str = ''
+    ) -> ParametersT:
+        """Make parameters from dotted names or nested mappings; what is absent is default.
+
+        Args:
+            values: `{'camera.width': 128}` or `{'camera': {'width': 128}}`.
+            where: Named in front of an error, a file's path say.
+
+        Raises:
+            ParameterError: A name is unknown, or a value not allowed.
+        """
+        flat = dict(_flatten(values))
+        known = {spec.name: spec for spec in cls.specs()}
+        prefix = f'{where}: ' if where else ''
+        for name in flat:
+            if name not in known:
+                allowed = ', '.join(known)
+                raise ParameterError(f'{prefix}unknown parameter {name!r}; expected {allowed}')
+        try:
+            checked = {name: known[name].check(value) for name, value in flat.items()}
+            return _build(cls, checked, '')
+        except ParameterError as error:
+            raise ParameterError(f'{prefix}{error}') from None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all values under their dotted names, ready for YAML or JSON."""
+        values = {}
+        for spec in type(self).specs():
+            value: Any = self
+            for part in spec.name.split('.'):
+                value = getattr(value, part)
+            values[spec.name] = list(value) if spec.kind is tuple else value
+        return values
+
+
+def _convert(kind: type, value: object) -> Any:
+    """Return the value as `kind`, or None where that would lose or invent something."""
+    if kind is tuple:
+        if isinstance(value, str) or not hasattr(value, '__iter__'):
+            return None
+        items = tuple(_convert(float, item) for item in value)
+        return None if None in items else items
+    if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
+        return value
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind in (int, float) and hasattr(value, 'item'):  # a NumPy scalar
+        return _convert(kind, value.item())
+    return None
+
+
+def _own_specs(cls: type) -> Iterator[ParameterSpec]:
+    hints = get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        if field.metadata:
+            kind = getattr(hints[field.name], '__origin__', hints[field.name])
+            yield ParameterSpec(field.name, kind, field.default, **field.metadata)
+
+
+def _groups(cls: type) -> dict[str, type[Parameters]]:
+    hints = get_type_hints(cls)
+    return {
+        field.name: hints[field.name] for field in dataclasses.fields(cls) if not field.metadata
+    }
+
+
+def _flatten(values: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}', value
+
+
+def _build(cls: type[ParametersT], flat: Mapping[str, Any], prefix: str) -> ParametersT:
+    own = {spec.name for spec in _own_specs(cls)}
+    values = {name: flat[prefix + name] for name in own if prefix + name in flat}
+    groups = {
+        name: _build(group, flat, f'{prefix}{name}.') for name, group in _groups(cls).items()
+    }
+    return cls(**values, **groups)
