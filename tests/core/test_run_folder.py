@@ -1,0 +1,136 @@
+"""The folder a run leaves."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from spikelane.run_folder import (
+    lap_name,
+    RunFolder,
+    RunFolderError,
+    versions,
+    write_bytes_atomically,
+    write_json,
+    write_text_atomically,
+    write_yaml,
+)
+
+
+def test_a_lap_is_named_after_what_determines_it() -> None:
+    """Scenario, controller, lane and seed are in the name."""
+    assert lap_name(1, 'braitenberg', 'outer', 7) == 'lap-1-braitenberg-outer-seed7'
+
+
+def test_a_new_folder_has_the_name_wanted(tmp_path: Path) -> None:
+    """Folders above it are made too."""
+    folder = RunFolder.create(tmp_path / 'runs' / 'with space')
+    assert folder.path == tmp_path / 'runs' / 'with space'
+    assert folder.path.is_dir()
+
+
+def test_the_next_runs_of_a_name_are_numbered_from_two(tmp_path: Path) -> None:
+    """What is there, even if empty, is another run's."""
+    paths = [RunFolder.create(tmp_path / 'lap').path for _ in range(3)]
+    assert [path.name for path in paths] == ['lap', 'lap-2', 'lap-3']
+
+
+def test_a_file_of_that_name_is_left_alone(tmp_path: Path) -> None:
+    """The run moves on to the next number."""
+    (tmp_path / 'lap').write_text('mine')
+    assert RunFolder.create(tmp_path / 'lap').path.name == 'lap-2'
+    assert (tmp_path / 'lap').read_text() == 'mine'
+
+
+def test_an_exact_folder_may_exist_empty(tmp_path: Path) -> None:
+    """As `mktemp -d` makes it."""
+    assert RunFolder.create(tmp_path, numbered=False).path == tmp_path
+
+
+def test_an_exact_folder_with_files_is_refused(tmp_path: Path) -> None:
+    """Nothing of another run is written over."""
+    (tmp_path / 'metrics.json').write_text('{}')
+    with pytest.raises(RunFolderError, match='expected a new or empty folder'):
+        RunFolder.create(tmp_path, numbered=False)
+
+
+@pytest.mark.parametrize('numbered', [True, False])
+def test_a_folder_below_a_file_is_refused(tmp_path: Path, numbered: bool) -> None:
+    """One sentence names the folder that cannot be made."""
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(RunFolderError, match=r'file.*: cannot be made: '):
+        RunFolder.create(tmp_path / 'file' / 'lap', numbered=numbered)
+
+
+def test_a_configuration_carries_the_versions(tmp_path: Path) -> None:
+    """The values stay in the order given, the versions come last."""
+    folder = RunFolder.create(tmp_path / 'lap')
+    folder.write_config({'seed': 3, 'scenario': 'scenario_1', 'camera': {'fov_deg': 100.0}})
+    read = yaml.safe_load(folder.config.read_text())
+    assert list(read) == ['seed', 'scenario', 'camera', 'versions']
+    assert read['camera'] == {'fov_deg': 100.0}
+    assert read['versions']['numpy'] == np.__version__
+
+
+def test_versions_name_what_computes() -> None:
+    """Python is one of them; what is not installed is None."""
+    assert list(versions()) == ['python', 'spikelane', 'numpy', 'numba', 'pybullet']
+    assert str(versions()['python']).startswith('3.')
+
+
+def test_metrics_are_plain_json(tmp_path: Path) -> None:
+    """NumPy's numbers become numbers, in the order given."""
+    folder = RunFolder.create(tmp_path / 'lap')
+    folder.write_metrics({'steps': np.int64(4), 'bag': Path('a/b'), 'd': np.array([0.5, 1.0])})
+    assert folder.metrics.read_text() == (
+        '{\n  "steps": 4,\n  "bag": "a/b",\n  "d": [\n    0.5,\n    1.0\n  ]\n}\n'
+    )
+
+
+def test_json_refuses_what_it_has_no_word_for(tmp_path: Path) -> None:
+    """NaN is not JSON; the old file stays."""
+    path = tmp_path / 'metrics.json'
+    write_json(path, {'a': 1})
+    with pytest.raises(RunFolderError, match='cannot be written as JSON'):
+        write_json(path, {'a': float('nan')})
+    assert json.loads(path.read_text()) == {'a': 1}
+
+
+def test_yaml_refuses_objects(tmp_path: Path) -> None:
+    """No tags that another program would have to run code for."""
+    with pytest.raises(RunFolderError, match='cannot be written as YAML'):
+        write_yaml(tmp_path / 'config.yaml', {'a': object()})
+
+
+def test_floats_in_yaml_read_back_exactly(tmp_path: Path) -> None:
+    """Small ones too, which YAML 1.1 takes for texts without a point."""
+    values = {'a': 1e-05, 'b': 0.1 + 0.2, 'c': 1e22}
+    write_yaml(tmp_path / 'config.yaml', values)
+    assert yaml.safe_load((tmp_path / 'config.yaml').read_text()) == values
+
+
+def test_nothing_is_left_beside_a_file(tmp_path: Path) -> None:
+    """The folder holds the file alone, written in UTF-8."""
+    write_text_atomically(tmp_path / 'new' / 'note.txt', 'Straße\n')
+    assert [path.name for path in (tmp_path / 'new').iterdir()] == ['note.txt']
+    assert (tmp_path / 'new' / 'note.txt').read_bytes() == b'Stra\xc3\x9fe\n'
+
+
+def test_a_failed_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full when the bytes are flushed to it."""
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, 'No space left on device')
+
+    path = tmp_path / 'metrics.json'
+    path.write_text('old')
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(RunFolderError, match=r'metrics\.json: cannot be written: No space left'):
+        write_bytes_atomically(path, b'new')
+    assert path.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [path]
