@@ -1,0 +1,374 @@
+"""Node `recorder`: records topics to a bag as `ros2 bag record` does, and loses nothing doing so.
+
+Messages are not handed over one by one by an executor, which would cost ten times as much as
+recording them: every 20 ms the recorder takes all that has arrived, and the middleware's own
+time of reception becomes the log time. An executor serves only the parameters.
+"""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import importlib
+from pathlib import Path
+import signal
+import sys
+import threading
+import time
+
+from ament_index_python.packages import get_package_share_directory
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+import rclpy
+from rclpy.callback_groups import CallbackGroup
+from rclpy.exceptions import InvalidParameterValueException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from spikelane.bag.metadata import QosDuration, QosProfile
+from spikelane.bag.recording import NOT_RECORDED, Recording
+from spikelane.bag.schema import collect_schema
+from spikelane.bag.writer import BagWriter, CHUNK_BYTES
+from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
+
+_TAKE_PERIOD_S = 0.02
+_DISCOVERY_PERIOD_S = 0.05
+_SERVICE_PERIOD_S = 0.5
+_CHECK_PERIOD_S = 1.0
+_CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
+
+
+class _NeverExecuted(CallbackGroup):
+    """Keeps subscriptions out of executors: their messages are taken by `Recorder.take`."""
+
+    def can_execute(self, entity):
+        return False
+
+    def beginning_execution(self, entity):
+        return False
+
+    def ending_execution(self, entity):
+        pass
+
+
+class Recorder(Node):
+    """Subscribes raw to the wanted topics as they appear and writes what they carry."""
+
+    def __init__(self) -> None:
+        super().__init__('recorder')
+        self._declare_parameters()
+        self._listed = self._names('topics')
+        self._excluded = self._names('exclude')
+        self._depth = self._value('depth')
+        self._group = _NeverExecuted()
+        self._subscriptions_taken = []  # (topic id, message type, handle)
+        self._recorded = {}  # topic name: topic id, 0 for one that cannot be recorded
+        self._profiles = {}
+        self._warned = set()
+        self._writer = BagWriter(
+            Path(self._value('output') or _default_output()),
+            compression=self._value('compression'),
+            chunk_bytes=self._value('chunk_bytes'),
+            max_file_bytes=self._value('max_file_bytes'),
+            custom_data=self._custom_data(),
+        )
+        use_sim_time = self.get_parameter('use_sim_time').value
+        self._recording = Recording(self._writer, use_sim_time=use_sim_time)
+        self._needs_clock = use_sim_time
+        wanted = ', '.join(self._listed) or 'all topics'
+        self.get_logger().info(f'recording to {self._writer.path}, waiting for {wanted}')
+
+    def spin(self, stop: threading.Event) -> None:
+        """Record until told to stop.
+
+        Raises:
+            BagError: The disk is full; the bag is closed.
+        """
+        executor = SingleThreadedExecutor()
+        executor.add_node(self)
+        jobs = [
+            _Periodic(_DISCOVERY_PERIOD_S, self.discover),
+            _Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
+            _Periodic(_CHECK_PERIOD_S, self.check_publishers),
+            _Periodic(self._value('flush_period_s'), self._writer.flush),
+        ]
+        while not stop.is_set():
+            self.take()
+            for job in jobs:
+                job.run_if_due()
+            stop.wait(_TAKE_PERIOD_S)
+        executor.remove_node(self)
+
+    def take(self) -> None:
+        """Write every message that has arrived."""
+        arrivals = []
+        for topic_id, message_type, handle in self._subscriptions_taken:
+            # A publisher that outruns us must not keep us from the others.
+            for _ in range(self._depth):
+                taken = handle.take_message(message_type, True)
+                if taken is None:
+                    break
+                data, info = taken
+                arrivals.append(
+                    (
+                        info['received_timestamp'],
+                        topic_id,
+                        info['source_timestamp'],
+                        info['publication_sequence_number'],
+                        data,
+                    )
+                )
+        if arrivals:
+            self._recording.write(arrivals)
+
+    def discover(self) -> None:
+        """Subscribe to wanted topics that have a publisher now."""
+        new = []
+        for name, type_names in self.get_topic_names_and_types():
+            is_clock = self._needs_clock and name == '/clock'
+            if name in self._recorded or not (is_clock or self._wants(name)):
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if publishers and self._subscribe(name, type_names, publishers):
+                new.append(name)
+        if new:
+            count = len(self._subscriptions_taken)
+            self.get_logger().info(f'recording {count} topics; new: {", ".join(sorted(new))}')
+
+    def check_publishers(self) -> None:
+        """Warn of publishers whose offer does not meet a subscription made before they came."""
+        for name, topic_id in self._recorded.items():
+            if topic_id == NOT_RECORDED:
+                continue
+            publishers = self.get_publishers_info_by_topic(name)
+            if len(publishers) > 1:
+                self._recording.watch_losses(topic_id, has_one_publisher=False)
+            for problem in self._problems(name, publishers):
+                self._warn_once(name, problem)
+
+    def finish(self) -> None:
+        """Write what has arrived, close the bag and say what is in it.
+
+        Raises:
+            BagError: The disk is full; the bag is closed.
+        """
+        self.take()
+        self._recording.end()
+        self._writer.close()
+        count = self._writer.message_count
+        topics = sum(topic_id != NOT_RECORDED for topic_id in self._recorded.values())
+        lost = self._recording.lost_count
+        self.get_logger().info(
+            f'recorded {count} messages of {topics} topics to {self._writer.path}, {lost} lost'
+        )
+        missing = sorted(self._listed - self._recorded.keys())
+        if missing:
+            self.get_logger().warning(f'never published: {", ".join(missing)}')
+
+    def _subscribe(self, name, type_names, publishers) -> bool:
+        type_name = publishers[0].topic_type
+        message_type = _message_type(type_name)
+        if len(type_names) > 1 or message_type is None:
+            self._recorded[name] = NOT_RECORDED
+            reason = f'its type {type_name} is not installed'
+            if len(type_names) > 1:
+                reason = f'it has several types: {", ".join(type_names)}'
+            self._warn_once(name, f'is not recorded: {reason}')
+            return False
+        offers = [_qos(publisher.qos_profile) for publisher in publishers]
+        topic_id = NOT_RECORDED
+        if self._wants(name):
+            topic_id = self._add_topic(name, type_name, publishers[0], offers)
+        if name == '/clock' and type_name == _CLOCK_TYPE:
+            self._recording.follow_clock(topic_id)
+        profile = self._adapted_qos(offers)
+        subscription = self.create_subscription(
+            message_type, name, _ignore, profile, callback_group=self._group, raw=True
+        )
+        self._subscriptions_taken.append((topic_id, message_type, subscription.handle))
+        self._profiles[name] = profile
+        self._recorded[name] = topic_id
+        return True
+
+    def _add_topic(self, name, type_name, publisher, offers) -> int:
+        schema = collect_schema(type_name, _share_folder)
+        if not schema.text:
+            self._warn_once(name, f'is recorded without the definition of {type_name}')
+        type_hash = str(publisher.topic_type_hash)
+        if not type_hash.startswith('RIHS01_'):
+            type_hash = ''
+        topic_id = self._writer.add_topic(name, type_name, schema, type_hash, offers)
+        self._recording.watch_losses(topic_id, has_one_publisher=len(offers) == 1)
+        return topic_id
+
+    def _adapted_qos(self, offers) -> QoSProfile:
+        """Return the strictest profile that all the offers meet."""
+        is_reliable = all(offer.reliability == 'reliable' for offer in offers)
+        is_latched = all(offer.durability == 'transient_local' for offer in offers)
+        return QoSProfile(
+            depth=self._depth,
+            reliability=(
+                ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
+            ),
+            durability=(
+                DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
+            ),
+        )
+
+    def _problems(self, name, publishers):
+        profile = self._profiles[name]
+        offers = [_qos(publisher.qos_profile) for publisher in publishers]
+        if profile.reliability == ReliabilityPolicy.RELIABLE and any(
+            offer.reliability == 'best_effort' for offer in offers
+        ):
+            yield 'has a later publisher that is best effort: it is not recorded'
+        if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and any(
+            offer.durability == 'volatile' for offer in offers
+        ):
+            yield 'has a later publisher that does not latch: it is not recorded'
+
+    def _wants(self, name: str) -> bool:
+        if name in self._excluded:
+            return False
+        # As `ros2 bag record --all`: hidden topics only where they are listed.
+        return name in self._listed if self._listed else '/_' not in name
+
+    def _warn_once(self, name: str, problem: str) -> None:
+        if (name, problem) not in self._warned:
+            self._warned.add((name, problem))
+            self.get_logger().warning(f'{name} {problem}')
+
+    def _names(self, parameter: str) -> set[str]:
+        names = (name for name in self._value(parameter) if name)
+        return {self.resolve_topic_name(name) for name in names}
+
+    def _custom_data(self) -> dict[str, str]:
+        pairs = [pair for pair in self._value('custom_data') if pair]
+        for pair in pairs:
+            if '=' not in pair:
+                raise ParameterError(f'custom_data: expected texts like seed=7, got {pair!r}')
+        return dict(pair.split('=', 1) for pair in pairs)
+
+    def _value(self, parameter: str):
+        return self.get_parameter(parameter).value
+
+    def _declare_parameters(self) -> None:
+        texts = (
+            ('output', '', 'Folder of the bag, must not exist; empty for rosbag2_<date>-<time>'),
+            ('compression', 'zstd', 'How chunks are compressed: zstd or none'),
+        )
+        lists = (
+            ('topics', 'Topics to record; none for all that are not hidden'),
+            ('exclude', 'Topics not to record'),
+            ('custom_data', 'Facts about the run, kept in the metadata: texts like seed=7'),
+        )
+        numbers = (
+            ('chunk_bytes', CHUNK_BYTES, 1024, 2**28, 'Size at which a chunk is written [B]'),
+            ('max_file_bytes', 0, 0, 2**62, 'Size at which another file is begun [B]; 0: never'),
+            ('depth', 10000, 1, 10**6, 'Messages of a topic that may wait to be recorded'),
+        )
+        for name, default, text in texts:
+            self._declare(name, default, text)
+        for name, text in lists:
+            self._declare(name, [''], text)
+        for name, default, low, high, text in numbers:
+            limits = [IntegerRange(from_value=low, to_value=high, step=1)]
+            self._declare(name, default, text, integer_range=limits)
+        limits = [FloatingPointRange(from_value=0.05, to_value=60.0, step=0.0)]
+        text = 'A kill costs at most the messages of this time [s]'
+        self._declare('flush_period_s', 1.0, text, floating_point_range=limits)
+
+    def _declare(self, name, default, description, **ranges) -> None:
+        descriptor = ParameterDescriptor(description=description, read_only=True, **ranges)
+        self.declare_parameter(name, default, descriptor)
+
+
+class _Periodic:
+    """Something to be done about every so often."""
+
+    def __init__(self, period_s: float, action) -> None:
+        self._period_s = period_s
+        self._action = action
+        self._due_s = time.monotonic()
+
+    def run_if_due(self) -> None:
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self._due_s = now_s + self._period_s
+            self._action()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Record until SIGINT or SIGTERM.
+
+    Returns:
+        0; 1 if recording failed (a full disk); 2 if a parameter is wrong.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        return _record(stop)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _record(stop: threading.Event) -> int:
+    try:
+        recorder = Recorder()
+    except (SpikelaneError, InvalidParameterValueException) as error:
+        rclpy.logging.get_logger('recorder').error(str(error))
+        return 2
+    try:
+        recorder.spin(stop)
+        recorder.finish()
+    except BagError as error:
+        recorder.get_logger().error(str(error))
+        return 1
+    finally:
+        recorder.destroy_node()
+    return 0
+
+
+def _ignore(_: bytes) -> None:
+    """Stand in for a callback; messages are taken, not called back."""
+
+
+def _default_output() -> str:
+    return datetime.datetime.now().strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
+
+
+def _share_folder(package: str) -> Path:
+    return Path(get_package_share_directory(package))
+
+
+def _message_type(type_name: str):
+    """Return the class of `package/msg/Type`, None where it is not installed."""
+    package, _, name = type_name.partition('/msg/')
+    try:
+        message_type = getattr(importlib.import_module(f'{package}.msg'), name)
+        message_type.__class__.__import_type_support__()
+    except Exception:  # a broken installation must not end the recording
+        return None
+    return message_type
+
+
+def _qos(profile: QoSProfile) -> QosProfile:
+    return QosProfile(
+        history=profile.history.name.lower(),
+        depth=profile.depth,
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        deadline=QosDuration.from_nanoseconds(profile.deadline.nanoseconds),
+        lifespan=QosDuration.from_nanoseconds(profile.lifespan.nanoseconds),
+        liveliness=profile.liveliness.name.lower(),
+        liveliness_lease_duration=QosDuration.from_nanoseconds(
+            profile.liveliness_lease_duration.nanoseconds
+        ),
+    )
+
+
+if __name__ == '__main__':
+    sys.exit(main())
