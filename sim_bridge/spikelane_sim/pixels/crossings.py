@@ -1,0 +1,146 @@
+"""The compiled part of the `esim` pixels: where logarithmic intensities cross thresholds.
+
+What the model is and what bounds it is said in `esim.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.events import Events
+from spikelane_sim.pixels.images import lowest_bit, WORD_PIXELS
+
+
+class PixelArrays(NamedTuple):
+    """What each pixel is and remembers; all of shape (height * width,)."""
+
+    threshold_on: NDArray[np.float64]  # rise of L at which the pixel fires
+    threshold_off: NDArray[np.float64]  # fall of L at which the pixel fires
+    intensity: NDArray[np.float32]  # the last image
+    log_intensity: NDArray[np.float64]  # L of the last image
+    reference: NDArray[np.float64]  # L that the thresholds count from
+    last_event_us: NDArray[np.int64]  # time of the last event, before latency
+
+
+class Crossings(NamedTuple):
+    """Threshold crossings of a step, in no order; arrays with room for more of them."""
+
+    keys: NDArray[np.int64]  # t [us after the step's start] * pixels + pixel: sorts canonically
+    polarity: NDArray[np.int8]
+
+
+@numba.njit(cache=True)
+def _changed(image: NDArray[np.float32], before: NDArray[np.float32], pixels: int) -> np.uint64:
+    """Return a word with bit i set where pixel i has changed, for at most 64 pixels."""
+    word = np.uint64(0)
+    for i in range(pixels):
+        word |= np.uint64(image[i] != before[i]) << np.uint64(i)
+    return word
+
+
+@numba.njit(cache=True)
+def cross_thresholds(
+    image: NDArray[np.float32],
+    pixels: PixelArrays,
+    dark_intensity: float,
+    from_us: float,
+    to_us: float,
+    crossings: Crossings,
+    count: int,
+) -> tuple[int, bool]:
+    """Move pixels from the last image to this one and write down their crossings.
+
+    Returns:
+        How many crossings there are, and whether that is all. Where there is no more room, the
+        pixels that did not get any are left as they were: called again, it goes on with them.
+    """
+    for start in range(0, image.size, WORD_PIXELS):
+        seen, known = image[start:], pixels.intensity[start:]
+        if seen.size >= WORD_PIXELS:  # a constant number is what makes it fast
+            word = _changed(seen, known, WORD_PIXELS)
+        else:
+            word = _changed(seen, known, seen.size)
+        while word != 0:
+            pixel = start + lowest_bit(word)
+            word &= word - np.uint64(1)
+            after = _log_intensity(image[pixel], dark_intensity)
+            added = _cross_at(pixel, pixels, after, from_us, to_us, crossings, count)
+            if added < 0:
+                return count, False
+            count += added
+            pixels.intensity[pixel] = image[pixel]
+            pixels.log_intensity[pixel] = after
+    return count, True
+
+
+@numba.njit(cache=True)
+def _cross_at(
+    pixel: int,
+    pixels: PixelArrays,
+    after: float,
+    from_us: float,
+    to_us: float,
+    crossings: Crossings,
+    count: int,
+) -> int:
+    """Write down one pixel's crossings on its way to L = after, move its reference.
+
+    Returns:
+        How many were written, or -1, and nothing done, where there is no room.
+    """
+    before = pixels.log_intensity[pixel]
+    reference = pixels.reference[pixel]
+    change = pixels.threshold_on[pixel] if after > before else -pixels.threshold_off[pixel]
+    wanted = math.floor((after - reference) / change)
+    most = max(1.0, math.floor(to_us - from_us))
+    number = int(max(0.0, min(wanted, most)))
+    if count + number > crossings.keys.size:
+        return -1
+    for i in range(number):
+        share = (reference + (i + 1) * change - before) / (after - before)
+        t_us = math.floor(from_us + share * (to_us - from_us) + 0.5)
+        t_us = max(t_us, 1)  # after the step's start
+        crossings.keys[count + i] = t_us * pixels.reference.size + pixel
+        crossings.polarity[count + i] = 1 if change > 0 else -1
+    pixels.reference[pixel] = after if wanted > most else reference + number * change
+    return number
+
+
+@numba.njit(cache=True)
+def _log_intensity(intensity: np.float32, dark_intensity: float) -> float:
+    # Written so that not-a-number becomes 0.
+    seen = min(np.float64(intensity), 1.0) if intensity > 0 else 0.0
+    return math.log(seen + dark_intensity)
+
+
+@numba.njit(cache=True)
+def write_events(
+    crossings: Crossings,
+    last_event_us: NDArray[np.int64],
+    start_us: int,
+    latency_us: int,
+    refractory_us: int,
+    width: int,
+    events: Events,
+) -> int:
+    """Write crossings as events, but those of pixels at rest; return how many."""
+    pixels = last_event_us.size
+    number = 0
+    for i in range(crossings.keys.size):
+        pixel = crossings.keys[i] % pixels
+        t_us = start_us + crossings.keys[i] // pixels
+        if t_us - last_event_us[pixel] < refractory_us:
+            continue
+        last_event_us[pixel] = t_us
+        event = events[number]
+        event['t'] = (t_us + latency_us) * 1000
+        event['x'] = pixel % width
+        event['y'] = pixel // width
+        event['polarity'] = crossings.polarity[i]
+        number += 1
+    return number

@@ -1,0 +1,250 @@
+"""Pixels like those of a real sensor, after ESIM (Rebecq et al. 2018, section 3) and v2e.
+
+A pixel follows L = ln(I + I_dark) and fires whenever L has moved from its reference by a contrast
+threshold, several times per step if need be; each event moves the reference by that threshold.
+L runs in a straight line from one image to the next, which gives the time of each crossing,
+rounded to the nearest microsecond after the step's start.
+
+- The thresholds are spread from pixel to pixel, drawn at each reset, at least 0.01.
+- An event within the refractory period after the pixel's last one is lost, noise included, but
+  the reference moves all the same, as in ESIM.
+- Leak and shot noise events come on top and leave the references alone: a leak event is a
+  reference that has drifted by one threshold and comes back by it.
+- Latency shifts all events; they come out in the step that holds their shifted time.
+
+Bounds: intensities outside [0, 1] count as 0 or 1 and not-a-number as 0, so L has a range of
+ln(1 + 1 / I_dark), which is 6.9 by default, and a pixel can fire at most that range over 0.01
+times from image to image (690), nor more than once per microsecond of the time between them; what
+a pixel loses by the second bound is lost for good, its reference catches up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.events import EVENT_DTYPE, Events, no_events
+from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.pixels.crossings import (
+    cross_thresholds,
+    Crossings,
+    PixelArrays,
+    write_events,
+)
+from spikelane_sim.pixels.images import check_images, check_times, no_reset
+from spikelane_sim.pixels.noise import draw_leak, draw_shot
+
+#: Smallest contrast threshold that the spread can give a pixel (ESIM).
+LEAST_THRESHOLD = 0.01
+
+_V2E = "v2e's EventEmulator (Hu, Liu, Delbruck 2021)"
+_LONG_AGO_US = -(1 << 62)  # the last event of a pixel that had none
+
+
+@dataclass(frozen=True, kw_only=True)
+class EsimParameters(Parameters):
+    """Parameters of the pixel model of a real sensor."""
+
+    threshold_on: float = parameter(
+        0.2,
+        'Rise of ln(intensity) at which a pixel fires ON',
+        low=LEAST_THRESHOLD,
+        high=10.0,
+        source=_V2E,
+    )
+    threshold_off: float = parameter(
+        0.2,
+        'Fall of ln(intensity) at which a pixel fires OFF',
+        low=LEAST_THRESHOLD,
+        high=10.0,
+        source=_V2E,
+    )
+    threshold_spread: float = parameter(
+        0.03,
+        'Standard deviation of both thresholds from pixel to pixel',
+        low=0.0,
+        high=1.0,
+        source=_V2E,
+    )
+    dark_intensity: float = parameter(
+        0.001,
+        'Intensity added before the logarithm, white being 1',
+        low=1e-6,
+        high=1.0,
+        source='ESIM (Rebecq et al. 2018), as implemented',
+    )
+    substeps: int = parameter(10, 'Images rendered per simulation step', low=1, high=1000)
+    refractory_s: float = parameter(
+        0.0, 'Time after an event in which its pixel stays silent', unit='s', low=0.0, high=1.0
+    )
+    leak_rate_hz: float = parameter(
+        0.1, 'Rate of ON events that each pixel leaks', unit='Hz', low=0.0, high=1e3, source=_V2E
+    )
+    shot_rate_hz: float = parameter(
+        0.0,
+        'Rate of noise events of each pixel in the dark, ON and OFF together',
+        unit='Hz',
+        low=0.0,
+        high=1e3,
+        source=_V2E,
+    )
+    shot_bright_factor: float = parameter(
+        0.25,
+        'What the rate of noise events is multiplied by at intensity 1',
+        low=0.0,
+        high=1.0,
+        source=_V2E,
+    )
+    latency_s: float = parameter(
+        0.0, 'Delay between light and event, of all events', unit='s', low=0.0, high=0.2
+    )
+
+
+class EsimPixels:
+    """Pixels that fire whenever their logarithmic intensity has moved; a `PixelModel`.
+
+    Attributes:
+        pixels: What each pixel is and remembers.
+        pending: Events of times still to come, in canonical order.
+        seen_until_ns: Time of the last image [ns], None before the first one.
+    """
+
+    def __init__(self, parameters: EsimParameters, width: int, height: int) -> None:
+        self.parameters = parameters
+        self.width = width
+        self.height = height
+        size = width * height
+        self.pixels = PixelArrays(
+            threshold_on=np.zeros(size),
+            threshold_off=np.zeros(size),
+            intensity=np.zeros(size, np.float32),
+            log_intensity=np.zeros(size),
+            reference=np.zeros(size),
+            last_event_us=np.zeros(size, np.int64),
+        )
+        self.pending: Events = no_events()
+        self.seen_until_ns: int | None = None
+        self._rng: np.random.Generator | None = None
+        self._latency_us = round(parameters.latency_s * 1e6)
+        self._refractory_us = round(parameters.refractory_s * 1e6)
+        room = max(2 * size, 4096)  # grows where a step needs more
+        self._crossings = Crossings(np.empty(room, np.int64), np.empty(room, np.int8))
+
+    @property
+    def images_per_step(self) -> int:
+        """Images that `step` wants."""
+        return self.parameters.substeps
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Forget everything and draw every pixel's thresholds; see `PixelModel`."""
+        self._rng = rng
+        for thresholds, mean in (
+            (self.pixels.threshold_on, self.parameters.threshold_on),
+            (self.pixels.threshold_off, self.parameters.threshold_off),
+        ):
+            drawn = rng.normal(mean, self.parameters.threshold_spread, len(thresholds))
+            np.maximum(drawn, LEAST_THRESHOLD, out=thresholds)
+        self.pixels.last_event_us[:] = _LONG_AGO_US
+        self.pending = no_events()
+        self.seen_until_ns = None
+
+    def step(self, images: NDArray[np.float32], start_ns: int, end_ns: int) -> Events:
+        """Return the events of one step; see `PixelModel`.
+
+        Steps follow each other without a gap: each starts where the last one ended.
+        """
+        rng = self._check(images, start_ns, end_ns)
+        step_us = (end_ns - start_ns) // 1000
+        times_us = np.arange(1, len(images) + 1) * step_us / len(images)
+        flat: NDArray[np.float32] = images.reshape(len(images), -1)
+        seen_us = 0.0
+        if self.seen_until_ns is None:
+            self._see_first(flat[0])
+            seen_us = float(times_us[0])
+            flat, times_us = flat[1:], times_us[1:]
+        noise_from_us = round(seen_us)
+        count = 0
+        for image, time_us in zip(flat, times_us.tolist(), strict=True):
+            count = self._cross(image, seen_us, time_us, count)
+            seen_us = time_us
+        self.seen_until_ns = end_ns
+        noise = self._draw_noise(rng, noise_from_us, step_us)
+        return self._deliver(self._merge(count, noise, start_ns // 1000), end_ns)
+
+    def _check(
+        self, images: NDArray[np.float32], start_ns: int, end_ns: int
+    ) -> np.random.Generator:
+        """Check the arguments of a step and return the generator its noise comes from."""
+        is_first = self.seen_until_ns is None
+        wanted = self.parameters.substeps
+        numbers = (1, wanted) if is_first and wanted > 1 else (wanted,)
+        check_images(images, numbers, self.height, self.width)
+        check_times(start_ns, end_ns)
+        if self._rng is None:
+            raise no_reset()
+        if not is_first and start_ns != self.seen_until_ns:
+            raise SpikelaneError(
+                f'step: expected to start where the last one ended, at {self.seen_until_ns} ns, '
+                f'got {start_ns} ns'
+            )
+        return self._rng
+
+    def _see_first(self, image: NDArray[np.float32]) -> None:
+        self.pixels.intensity[:] = image
+        seen = np.clip(np.nan_to_num(image.astype(np.float64)), 0.0, 1.0)
+        self.pixels.log_intensity[:] = np.log(seen + self.parameters.dark_intensity)
+        self.pixels.reference[:] = self.pixels.log_intensity
+
+    def _cross(self, image: NDArray[np.float32], from_us: float, to_us: float, count: int) -> int:
+        """Add the crossings from the last image to this one, return how many there are now."""
+        dark = self.parameters.dark_intensity
+        while True:
+            count, is_done = cross_thresholds(
+                image, self.pixels, dark, from_us, to_us, self._crossings, count
+            )
+            if is_done:
+                return count
+            keys, polarity = self._crossings
+            self._crossings = Crossings(
+                np.resize(keys, 2 * len(keys)), np.resize(polarity, 2 * len(polarity))
+            )
+
+    def _draw_noise(self, rng: np.random.Generator, start_us: int, end_us: int) -> Crossings:
+        """Draw the step's noise events."""
+        given = self.parameters
+        seen = self.pixels.intensity
+        leak = draw_leak(rng, given.leak_rate_hz, seen.size, start_us, end_us)
+        shot = draw_shot(rng, given.shot_rate_hz, given.shot_bright_factor, seen, start_us, end_us)
+        t_us = np.concatenate([leak.t_us, shot.t_us])
+        pixel = np.concatenate([leak.pixel, shot.pixel])
+        return Crossings(t_us * seen.size + pixel, np.concatenate([leak.polarity, shot.polarity]))
+
+    def _merge(self, count: int, noise: Crossings, start_us: int) -> Events:
+        """Return crossings and noise in canonical order, without the refractory ones."""
+        keys = np.concatenate([self._crossings.keys[:count], noise.keys])
+        polarity = np.concatenate([self._crossings.polarity[:count], noise.polarity])
+        order = np.argsort(keys, kind='stable')
+        events = np.empty(len(keys), EVENT_DTYPE)
+        emitted = write_events(
+            Crossings(keys[order], polarity[order]),
+            self.pixels.last_event_us,
+            start_us,
+            self._latency_us,
+            self._refractory_us,
+            self.width,
+            events,
+        )
+        return events[:emitted]
+
+    def _deliver(self, events: Events, end_ns: int) -> Events:
+        """Return the events up to end_ns, keep the later ones."""
+        if self._latency_us == 0:
+            return events
+        # In order: what was pending is older than all that is new by at least a microsecond.
+        waiting = np.concatenate([self.pending, events])
+        due = int(np.searchsorted(waiting['t'], end_ns, side='right'))
+        self.pending = waiting[due:].copy()
+        return waiting[:due].copy()
