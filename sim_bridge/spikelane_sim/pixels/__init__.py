@@ -1,0 +1,98 @@
+"""The pixels of the event camera: from images of light to events.
+
+Two models, after one protocol: `coppelia`, the sensor of the paper's simulation, and `esim`, one
+closer to a real sensor. In both, brighter is ON (+1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
+from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.pixels.coppelia import CoppeliaParameters, CoppeliaPixels
+from spikelane_sim.pixels.esim import EsimParameters, EsimPixels
+
+__all__ = [
+    'CoppeliaParameters',
+    'CoppeliaPixels',
+    'EsimParameters',
+    'EsimPixels',
+    'PixelModel',
+    'PixelParameters',
+    'make_pixel_model',
+]
+
+_LARGEST_SIDE_PX = 65535  # coordinates of events are 16 bits wide
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelParameters(Parameters):
+    """Which pixel model the event camera has, and the parameters of each."""
+
+    model: str = parameter(
+        'coppelia',
+        "How pixels make events: the paper's simulation (coppelia), or like a real sensor (esim)",
+        choices=('coppelia', 'esim'),
+        source='paper section 3.2',
+    )
+    coppelia: CoppeliaParameters = nested(CoppeliaParameters)
+    esim: EsimParameters = nested(EsimParameters)
+
+
+class PixelModel(Protocol):
+    """An array of pixels that turns what it sees into events."""
+
+    @property
+    def images_per_step(self) -> int:
+        """Images that `step` wants, at equally spaced times."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Forget everything seen; all randomness until the next reset comes from rng.
+
+        The first image after it sets what later ones are compared with, and gives no events.
+        """
+
+    def step(self, images: NDArray[np.float32], start_ns: int, end_ns: int) -> Events:
+        """Look at the images of one step and return the events in it.
+
+        Args:
+            images: Linear intensities from 0 to 1, (images_per_step, height, width), at equally
+                spaced times in (start_ns, end_ns], the last at end_ns. The first call after a
+                reset may also bring a single image.
+            start_ns: Simulation time before the step [ns], whole microseconds.
+            end_ns: Simulation time after the step [ns], whole microseconds.
+
+        Returns:
+            Events in the order of time, row, column; times are whole microseconds in
+            (start_ns, end_ns].
+
+        Raises:
+            SpikelaneError: Images of another shape or type, times that do not increase or are
+                not whole microseconds, or a step without a reset before it.
+        """
+
+
+def make_pixel_model(parameters: PixelParameters, width: int, height: int) -> PixelModel:
+    """Make the pixels of a sensor; they want a `reset` before the first step.
+
+    Args:
+        parameters: Which model, and its parameters.
+        width: Columns of the sensor [px].
+        height: Rows of the sensor [px].
+
+    Raises:
+        ParameterError: A sensor without pixels, or larger than events can address.
+    """
+    if not (1 <= width <= _LARGEST_SIDE_PX and 1 <= height <= _LARGEST_SIDE_PX):
+        raise ParameterError(
+            f'sensor size: expected 1 to {_LARGEST_SIDE_PX} px each way, got {width} x {height}'
+        )
+    if parameters.model == 'esim':
+        return EsimPixels(parameters.esim, width, height)
+    return CoppeliaPixels(parameters.coppelia, width, height)
