@@ -2,7 +2,14 @@
 
 
 class SpikelaneError(ValueError):
-    """Something the user gave is wrong; the message names it, what was expected and what came."""
+    """Something the user gave is wrong; the message names it, what was expected and what came.
+
+    Attributes:
+        exit_status: Of a command that ends because of it: 2, wrong use; 1 for what failed though
+            the command was right.
+    """
+
+    exit_status = 2
 
 
 class ParameterError(SpikelaneError):
@@ -16,6 +23,10 @@ class CourseError(SpikelaneError):
 class PacketError(SpikelaneError):
     """An event packet cannot be decoded, or events cannot be encoded."""
 
+    exit_status = 1
+
 
 class BagError(SpikelaneError):
     """A bag cannot be read or written."""
+
+    exit_status = 1

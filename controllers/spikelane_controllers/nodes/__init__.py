@@ -1,0 +1,1 @@
+"""The controllers as ROS 2 nodes."""

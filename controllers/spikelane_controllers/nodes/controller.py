@@ -1,0 +1,159 @@
+"""What every controller node is: observations in, wheel velocities out.
+
+An observation is an event packet and the lane state of the same stamp. Each is answered once; the
+answer carries its stamp and is sent again when a subscriber joins or the observation comes again,
+so that whoever starts first, nothing waits for what was sent too early.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from event_camera_msgs.msg import EventPacket
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
+
+from spikelane_controllers.registry import controller_class
+from spikelane_sim.contract import Controller, controller_rng, Observation
+from spikelane_sim.errors import PacketError
+from spikelane_sim.events import no_events
+from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.direct import DirectSubscriptions
+from spikelane_sim.nodes.pairing import StampPairs
+from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.parameters import parameter, Parameters
+
+RELIABLE_10 = QoSProfile(depth=10)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerNodeParameters(Parameters):
+    """How a controller takes part in a ROS graph."""
+
+    seed: int = parameter(0, "Seed of the controller's randomness.", low=0)
+    use_lane_state: bool = parameter(
+        True, 'Wait for lane/state with each event packet; false for a real camera.'
+    )
+    wait_for_subscribers: int = parameter(
+        0, 'Subscribers wheel_velocities must have before an answer is published.', low=0
+    )
+
+
+class _Episode(NamedTuple):
+    """Tells one episode from the next."""
+
+    number: int
+    last_step: int
+
+
+class ControllerNode(Node):
+    """Hosts one controller of the registry."""
+
+    def __init__(self, name: str) -> None:
+        """Declare the parameters and make the controller.
+
+        Raises:
+            SpikelaneError: A parameter is not allowed.
+        """
+        super().__init__(name)
+        self.exit_status = 0
+        self._settings = declare_parameters(self, ControllerNodeParameters)
+        cls = controller_class(name)
+        self._controller: Controller = cls(declare_parameters(self, cls.parameters_class))
+        self._controller.reset(controller_rng(self._settings.seed, 0))
+        self._episode: _Episode | None = None
+        self._next_sequence: int | None = None
+        self._answer = WheelVelocities()
+        self._has_answer = False
+        self._state = ControllerState(
+            controller=name, neurons=list(getattr(self._controller, 'neurons', ()))
+        )
+        # The wheel velocities' publisher is made last: who is matched to it is matched to both.
+        self._states = self.create_publisher(ControllerState, 'controller/state', RELIABLE_10)
+        self._wheels = self.create_publisher(
+            WheelVelocities,
+            'wheel_velocities',
+            RELIABLE_10,
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._send_answer()),
+        )
+        self._observations = DirectSubscriptions(self)
+        self._pairs = StampPairs(self._on_observation)
+        if self._settings.use_lane_state:
+            self._observations.subscribe(
+                LaneState, 'lane/state', self._pairs.add_first, RELIABLE_10
+            )
+        self._observations.subscribe(
+            EventPacket, 'event_camera/events', self._on_packet, RELIABLE_10
+        )
+        self._observations.start()
+
+    def destroy_node(self) -> None:
+        """Stop answering."""
+        self._observations.stop()
+        super().destroy_node()
+
+    def _on_packet(self, packet: EventPacket) -> None:
+        if self._settings.use_lane_state:
+            self._pairs.add_second(packet)
+        else:
+            self._on_observation(None, packet)
+
+    def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
+        is_again = self._has_answer and packet.header.stamp == self._answer.header.stamp
+        if not is_again:
+            self._count_lost(packet)
+            self._step(lane, packet)
+        self._send_answer()
+
+    def _step(self, lane: LaneState | None, packet: EventPacket) -> None:
+        lane_state = None if lane is None else conversions.lane_state_from_message(lane)
+        if lane_state is not None and self._begins(lane_state.episode, lane_state.step):
+            self._controller.reset(controller_rng(self._settings.seed, lane_state.episode))
+        stamp_ns = conversions.to_stamp_ns(packet.header.stamp)
+        observation = Observation(stamp_ns, self._events(packet), lane_state)
+        self._answer.left, self._answer.right = self._controller.step(observation)
+        self._answer.header.stamp = packet.header.stamp
+        self._has_answer = True
+        if self._states.get_subscription_count():
+            self._publish_state(lane)
+
+    def _begins(self, episode: int, step: int) -> bool:
+        """Return whether this observation belongs to another episode than the last one."""
+        last, self._episode = self._episode, _Episode(episode, step)
+        return last is None or step <= last.last_step or episode != last.number
+
+    def _events(self, packet: EventPacket) -> object:
+        try:
+            return conversions.events_from_packet(packet)
+        except PacketError as error:
+            self.get_logger().error(
+                f'event_camera/events: {error}; taken as empty', throttle_duration_sec=1.0
+            )
+            return no_events()
+
+    def _count_lost(self, packet: EventPacket) -> None:
+        expected, self._next_sequence = self._next_sequence, packet.seq + 1
+        if expected is not None and packet.seq > expected:
+            self.get_logger().warning(
+                f'event_camera/events: {packet.seq - expected} packets were lost',
+                throttle_duration_sec=1.0,
+            )
+
+    def _send_answer(self) -> None:
+        is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
+        if self._has_answer and is_heard:
+            self._wheels.publish(self._answer)
+
+    def _publish_state(self, lane: LaneState | None) -> None:
+        state = self._state
+        state.header.stamp = self._answer.header.stamp
+        state.action = getattr(self._controller, 'action', -1)
+        state.reward = getattr(self._controller, 'reward', math.nan)
+        state.spikes = list(getattr(self._controller, 'spikes', ()))
+        if lane is not None:
+            state.episode, state.step = lane.episode, lane.step
+        self._states.publish(state)

@@ -1,0 +1,29 @@
+"""`spikelane node`: run one node, as `ros2 run` does where it is installed."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from spikelane.executables import EXECUTABLES, find_executable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('node', metavar='NODE', help=f'one of {", ".join(EXECUTABLES)}')
+    parser.add_argument(
+        'arguments',
+        nargs=argparse.REMAINDER,
+        metavar='...',
+        help='for the node: --ros-args -p NAME:=VALUE, --params-file FILE, -r FROM:=TO',
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Become the node.
+
+    Raises:
+        SpikelaneError: There is no such node.
+    """
+    executable = str(find_executable(options.node))
+    os.execv(executable, [executable, *options.arguments])

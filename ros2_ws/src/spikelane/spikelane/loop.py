@@ -1,0 +1,46 @@
+"""The one loop: a simulator and a controller, observation by observation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
+from spikelane_sim.simulator import Simulator
+
+OnStep = Callable[[Observation, WheelVelocities], None]
+
+
+def drive_episode(
+    simulator: Simulator,
+    controller: Controller,
+    on_step: OnStep,
+    *,
+    lane: str | None = None,
+    seed: int | None = None,
+    controller_seed: int = 0,
+) -> Observation:
+    """Drive one episode to its end.
+
+    Args:
+        simulator: Is reset first.
+        controller: Is reset first; is given every observation, the last one included.
+        on_step: Called with each observation and its answer, before the next step.
+        lane: As in `Simulator.reset`.
+        seed: As in `Simulator.reset`.
+        controller_seed: Of the controller's randomness.
+
+    Returns:
+        The last observation.
+
+    Raises:
+        SpikelaneError: No such lane, or a negative seed.
+    """
+    observation = simulator.reset(lane, seed)
+    assert observation.lane is not None  # a simulator always knows it
+    controller.reset(controller_rng(controller_seed, observation.lane.episode))
+    while True:
+        wheels = controller.step(observation)
+        on_step(observation, wheels)
+        if observation.lane is not None and observation.lane.terminated:
+            return observation
+        observation = simulator.step(wheels)

@@ -1,0 +1,72 @@
+"""The `spikelane` command."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import importlib
+import signal
+import sys
+from types import FrameType
+
+from spikelane_sim.errors import SpikelaneError
+
+#: Sub-commands and what they are for; each is a module of `spikelane.commands`.
+COMMANDS = {
+    'lap': 'drive one lap, measure and draw it',
+    'node': 'run one node of the graph',
+    'bench': 'measure how fast everything is',
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command and exit: 0 done, 1 failed, 2 wrong use."""
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command.
+
+    Returns:
+        0 done, 1 failed, 2 wrong use, 128 + n when ended by signal n.
+    """
+    signal.signal(signal.SIGTERM, _raise_terminated)
+    parser = _parser(arguments)
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except SpikelaneError as error:
+        print(f'spikelane {options.command}: {error}', file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    except _Terminated:
+        return 128 + signal.SIGTERM
+
+
+class _Terminated(BaseException):
+    """SIGTERM came; raised so that everything is cleaned up on the way out."""
+
+
+def _raise_terminated(number: int, frame: FrameType | None) -> None:
+    del number, frame
+    raise _Terminated
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='spikelane', description='Lane keeping with event cameras and spiking networks.'
+    )
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    for name, purpose in COMMANDS.items():
+        sub = commands.add_parser(name, help=purpose, description=f'{purpose.capitalize()}.')
+        # Only the one that is run is imported: the others' libraries take their time.
+        if arguments and arguments[0] == name:
+            module = importlib.import_module(f'spikelane.commands.{name}')
+            module.add_arguments(sub)
+            sub.set_defaults(run=module.run)
+    return parser
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,129 @@
+"""Child processes that live exactly as long as they should.
+
+Each child has a process group of its own, default signal handlers and a log file. It is told to
+end when its parent dies, however that happens, so that no node is ever left behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import contextlib
+import ctypes
+import os
+from pathlib import Path
+import signal
+import subprocess
+from types import TracebackType
+from typing import Literal
+
+from spikelane_sim.errors import SpikelaneError
+
+_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_LAST_LINES = 5
+
+#: Signals to end a child with, and how long it has to obey each [s].
+_ENDINGS = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+
+
+class ProcessError(SpikelaneError):
+    """A child process ended when it should not have."""
+
+    exit_status = 1
+
+
+class Processes:
+    """Starts children, notices when one ends, and ends them all."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._logs: dict[str, Path] = {}
+
+    def __enter__(self) -> Processes:
+        """Return the processes; leaving the block ends them."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> Literal[False]:
+        """End what still runs."""
+        self.stop(*self._children)
+        return False
+
+    def start(
+        self, name: str, command: Sequence[str], log: Path, environment: Mapping[str, str]
+    ) -> None:
+        """Start a child.
+
+        Args:
+            name: To speak of it.
+            command: Program and arguments.
+            log: File its output goes to.
+            environment: All of its environment variables.
+
+        Raises:
+            ProcessError: It cannot be started.
+        """
+        log.parent.mkdir(parents=True, exist_ok=True)
+        parent = os.getpid()
+        try:
+            with log.open('wb') as output:
+                child = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    env=dict(environment),
+                    start_new_session=True,
+                    preexec_fn=lambda: _die_with(parent),
+                )
+        except OSError as error:
+            raise ProcessError(f'{name}: cannot be started: {error}') from None
+        self._children[name], self._logs[name] = child, log
+
+    def check(self) -> None:
+        """Check that all children run.
+
+        Raises:
+            ProcessError: One has ended; the message has its last lines.
+        """
+        for name, child in self._children.items():
+            status = child.poll()
+            if status is not None:
+                lines = self._logs[name].read_text(errors='replace').splitlines()
+                last = ' | '.join(lines[-_LAST_LINES:]) or 'it said nothing'
+                raise ProcessError(f'{name} ended with status {status}: {last}')
+
+    def stop(self, *names: str) -> None:
+        """End children, all at once, the gentle way first.
+
+        Args:
+            names: Of children; those that have ended already are passed over.
+        """
+        children = [self._children[name] for name in names]
+        for how, patience_s in _ENDINGS:
+            running = [child for child in children if child.poll() is None]
+            for child in running:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(child.pid, how)
+            for child in running:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(patience_s)
+
+    def statuses(self) -> dict[str, int | None]:
+        """Return each child's exit status, None where it runs."""
+        return {name: child.poll() for name, child in self._children.items()}
+
+
+def _die_with(parent: int) -> None:
+    """In the new child: end when the parent does, even where it is killed."""
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before it could be watched
+        os._exit(1)

@@ -1,0 +1,1 @@
+"""The simulator as a ROS 2 node, and what every Spikelane node is made of."""

@@ -1,0 +1,106 @@
+"""Diagnostics of the simulator, once a second and when an episode ends."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from spikelane_sim.contract import LaneState
+from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.simulator import CommandCounts, Simulator
+from spikelane_sim.stepper import Stepper
+
+
+class SimulatorDiagnostics:
+    """Publishes how the simulation fares, and reports commands that were not taken as given."""
+
+    def __init__(
+        self, node: Node, simulator: Simulator, stepper: Stepper, topics: SimulatorTopics
+    ) -> None:
+        """Create the publisher."""
+        self._node = node
+        self._simulator = simulator
+        self._stepper = stepper
+        self._topics = topics
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last = (self._clock.now().nanoseconds, 0)
+        self._counts = CommandCounts()
+        self._was_terminated = False
+
+    def notice(self) -> None:
+        """Report what the last command changed: a refused command, the end of an episode."""
+        counts = self._simulator.command_counts
+        if counts != self._counts:
+            self._report(counts)
+        lane = self._simulator.lane_state
+        is_terminated = lane is not None and lane.terminated
+        if is_terminated and not self._was_terminated:
+            self._node.get_logger().info(
+                f'episode {lane.episode} on the {lane.lane} lane ended after {lane.step} steps: '
+                f'{lane.reason}'
+            )
+            self.publish()
+        self._was_terminated = is_terminated
+
+    def publish(self) -> None:
+        """Publish the state of the simulation."""
+        status = DiagnosticStatus(
+            name='simulator',
+            hardware_id=self._simulator.parameters.robot.model,
+            level=DiagnosticStatus.WARN if self._stepper.is_waiting else DiagnosticStatus.OK,
+            message=self._stepper.state.name.lower(),
+        )
+        status.values = [
+            KeyValue(key=key, value=str(value)) for key, value in self._values().items()
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _values(self) -> dict[str, object]:
+        counts = self._simulator.command_counts
+        values: dict[str, object] = {
+            'steps': self._stepper.steps,
+            'steps_per_s': round(self._rate(), 1),
+            'simulation_time_s': self._simulator.time_ns / 1e9,
+            'event_packets': self._topics.packets,
+            'commands_not_finite': counts.not_finite,
+            'commands_clipped': counts.clipped,
+            'commands_ignored': self._stepper.ignored_commands,
+        }
+        lane = self._simulator.lane_state
+        return values | (_lane_values(lane) if lane is not None else {})
+
+    def _rate(self) -> float:
+        then_ns, steps_then = self._last
+        self._last = (self._clock.now().nanoseconds, self._stepper.steps)
+        return (self._last[1] - steps_then) / max(self._last[0] - then_ns, 1) * 1e9
+
+    def _report(self, counts: CommandCounts) -> None:
+        logger = self._node.get_logger()
+        if counts.not_finite > self._counts.not_finite:
+            logger.error(
+                'wheel velocities: expected finite rad/s; the wheels stop for this step',
+                throttle_duration_sec=1.0,
+            )
+        if counts.clipped > self._counts.clipped:
+            limit = self._simulator.parameters.robot.max_wheel_velocity_rad_s
+            logger.warning(
+                f'wheel velocities: expected at most {limit} rad/s; clipped',
+                throttle_duration_sec=1.0,
+            )
+        self._counts = counts
+
+
+def _lane_values(lane: LaneState) -> dict[str, object]:
+    return {
+        'episode': lane.episode,
+        'step': lane.step,
+        'lane': lane.lane,
+        'progress_m': lane.progress_m,
+        'laps': lane.laps,
+        'terminated': lane.terminated,
+        'reason': lane.reason,
+    }

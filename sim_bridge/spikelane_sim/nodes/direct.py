@@ -1,0 +1,104 @@
+"""Subscriptions that are waited for directly, past the executor.
+
+An rclpy executor rebuilds its wait set from all entities of a node for every message; with a
+simulator's services that costs more than the simulation step. The few subscriptions on the
+lockstep path therefore have a wait set and a thread of their own (in the way of
+`rclpy.wait_for_message`), while the executor serves everything else of the same node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+import traceback
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerGuardCondition
+from rclpy.subscription import Subscription
+
+
+class _NotForExecutors(CallbackGroup):
+    """Keeps executors away from the subscriptions in it."""
+
+    def can_execute(self, entity: object) -> bool:
+        del entity
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:
+        del entity
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        del entity
+
+
+class DirectSubscriptions:
+    """Some subscriptions of a node, with one thread that waits for and handles their messages.
+
+    Messages of one topic are handled in order; of several topics that have messages waiting, the
+    one subscribed to first comes first. An exception in a handler is a bug: it is logged and
+    ends the node with exit status 1, since a lockstep graph would wait for it for ever.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Prepare; nothing is received before `start`."""
+        self._node = node
+        self._group = _NotForExecutors()
+        self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._wake = GuardCondition(None, self._group, context=node.context)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._stopping = False
+
+    def subscribe(
+        self, kind: type, topic: str, handle: Callable[[Any], None], qos: QoSProfile
+    ) -> None:
+        """Subscribe to a topic; before `start` only."""
+        subscription = self._node.create_subscription(
+            kind, topic, handle, qos, callback_group=self._group
+        )
+        self._subscriptions.append((subscription, handle))
+
+    def start(self) -> None:
+        """Begin to handle messages."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop handling messages; returns when the handler at work has ended."""
+        self._stopping = True
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._wake.trigger()
+            self._thread.join()
+
+    def _run(self) -> None:
+        context = self._node.context
+        signalled = SignalHandlerGuardCondition(context=context)
+        guards = (self._wake.handle, signalled.handle)
+        count = len(self._subscriptions)
+        wait_set = _rclpy.WaitSet(count, len(guards), 0, 0, 0, 0, context.handle)
+        try:
+            while not self._stopping and context.ok():
+                wait_set.clear_entities()
+                for subscription, _ in self._subscriptions:
+                    wait_set.add_subscription(subscription.handle)
+                for guard in guards:
+                    wait_set.add_guard_condition(guard)
+                wait_set.wait(-1)
+                if context.ok():
+                    self._handle(wait_set.get_ready_entities('subscription'))
+        except Exception:
+            self._node.get_logger().fatal(traceback.format_exc())
+            self._node.exit_status = 1
+            context.try_shutdown()
+        finally:
+            signalled.destroy()
+
+    def _handle(self, ready: list[int]) -> None:
+        for subscription, handle in self._subscriptions:
+            if subscription.handle.pointer in ready:
+                while taken := subscription.handle.take_message(subscription.msg_type, False):
+                    handle(taken[0])

@@ -1,0 +1,58 @@
+"""ROS parameters made from the core's parameter classes."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import Parameters, ParameterSpec
+
+ParametersT = TypeVar('ParametersT', bound=Parameters)
+
+_INTEGER_MAX = 2**63 - 1
+
+
+def declare_parameters(node: Node, parameters: type[ParametersT]) -> ParametersT:
+    """Declare all of a class's parameters on a node, fixed at start, and return their values.
+
+    Raises:
+        ParameterError: A value given to the node is not allowed.
+    """
+    specs = tuple(parameters.specs())
+    values = {}
+    for spec in specs:
+        default = list(spec.default) if spec.kind is tuple else spec.default
+        try:
+            parameter = node.declare_parameter(spec.name, default, _descriptor(spec))
+        except Exception as error:  # rclpy has no common base for what declaring can raise
+            raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
+        values[spec.name] = spec.check(parameter.value)
+    return parameters.from_mapping(values)
+
+
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    """Describe a parameter; dynamic typing lets 100 be given where 100.0 is meant."""
+    unit = f' [{spec.unit}]' if spec.unit else ''
+    source = f' Source: {spec.source}.' if spec.source else ''
+    descriptor = ParameterDescriptor(
+        description=f'{spec.description}{unit}{source}',
+        additional_constraints=spec.allowed,
+        read_only=True,
+        dynamic_typing=True,
+    )
+    if spec.low is None and spec.high is None:
+        return descriptor
+    if spec.kind is int:
+        low = -_INTEGER_MAX if spec.low is None else int(spec.low)
+        high = _INTEGER_MAX if spec.high is None else int(spec.high)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
+    elif spec.kind is float:
+        low_value = float('-inf') if spec.low is None else float(spec.low)
+        high_value = float('inf') if spec.high is None else float(spec.high)
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=low_value, to_value=high_value, step=0.0)
+        ]
+    return descriptor

@@ -1,0 +1,282 @@
+"""The simulator's services: the seeded reset, and the standard set of simulation_interfaces."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from simulation_interfaces.action import SimulateSteps
+from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
+from simulation_interfaces.srv import (
+    GetEntityState,
+    GetSimulationState,
+    GetSimulatorFeatures,
+    ResetSimulation,
+    SetEntityState,
+    SetSimulationState,
+    StepSimulation,
+)
+from spikelane_msgs.srv import Reset
+
+from spikelane_sim.contract import Observation
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.awaiting import Awaitable
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.stepper import RunState, Stepper
+
+ENTITY = 'pioneer'
+
+_FEATURES = [
+    SimulatorFeatures.ENTITY_STATE_GETTING,
+    SimulatorFeatures.ENTITY_STATE_SETTING,
+    SimulatorFeatures.SIMULATION_RESET,
+    SimulatorFeatures.SIMULATION_RESET_TIME,
+    SimulatorFeatures.SIMULATION_RESET_STATE,
+    SimulatorFeatures.SIMULATION_STATE_GETTING,
+    SimulatorFeatures.SIMULATION_STATE_SETTING,
+    SimulatorFeatures.SIMULATION_STATE_PAUSE,
+    SimulatorFeatures.STEP_SIMULATION_SINGLE,
+    SimulatorFeatures.STEP_SIMULATION_MULTIPLE,
+    SimulatorFeatures.STEP_SIMULATION_ACTION,
+]
+_SCOPES = (
+    ResetSimulation.Request.SCOPE_TIME
+    | ResetSimulation.Request.SCOPE_STATE
+    | ResetSimulation.Request.SCOPE_SPAWNED
+)
+_OK = Result(result=Result.RESULT_OK)
+
+
+def _failed(code: int, message: str) -> Result:
+    return Result(result=code, error_message=message)
+
+
+class SimulatorServices:
+    """Serves requests about the simulation; each answer comes when it has taken effect."""
+
+    def __init__(self, node: Node, simulator: Simulator, stepper: Stepper) -> None:
+        """Create the services under the node's name."""
+        self._node = node
+        self._simulator = simulator
+        self._stepper = stepper
+        for kind, name, handle in (
+            (Reset, 'reset', self._reset),
+            (ResetSimulation, 'reset_simulation', self._reset_simulation),
+            (StepSimulation, 'step_simulation', self._step_simulation),
+            (GetSimulationState, 'get_simulation_state', self._get_state),
+            (SetSimulationState, 'set_simulation_state', self._set_state),
+            (GetSimulatorFeatures, 'get_simulator_features', self._get_features),
+            (GetEntityState, 'get_entity_state', self._get_entity_state),
+            (SetEntityState, 'set_entity_state', self._set_entity_state),
+        ):
+            node.create_service(kind, f'~/{name}', handle)
+        self._steps_action = ActionServer(
+            node,
+            SimulateSteps,
+            '~/simulate_steps',
+            self._simulate_steps,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    async def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        seed = None if request.seed < 0 else request.seed
+        published = Awaitable(self._node)
+        try:
+            self._stepper.begin(request.lane or None, seed, on_published=published.complete)
+        except SpikelaneError as error:
+            response.success, response.message = False, str(error)
+            return response
+        first: Observation = await published.result()
+        response.success = True
+        response.stamp = conversions.to_time(first.stamp_ns)
+        response.lane, response.episode = first.lane.lane, first.lane.episode
+        response.seed = self._simulator.seed
+        return response
+
+    async def _reset_simulation(
+        self, request: ResetSimulation.Request, response: ResetSimulation.Response
+    ) -> ResetSimulation.Response:
+        is_all = request.scope in (
+            ResetSimulation.Request.SCOPE_DEFAULT,
+            ResetSimulation.Request.SCOPE_ALL,
+        )
+        scope = _SCOPES if is_all else request.scope
+        if scope & ~_SCOPES:
+            response.result = _failed(
+                Result.RESULT_FEATURE_UNSUPPORTED,
+                f'scope: expected a combination of time 1, state 2, spawned 4, got {scope}',
+            )
+            return response
+        response.result = _OK
+        if self._stepper.state is RunState.STOPPED:
+            return response
+        published = Awaitable(self._node)
+        is_time = bool(scope & ResetSimulation.Request.SCOPE_TIME)
+        if scope & ResetSimulation.Request.SCOPE_STATE:
+            self._begin_again(is_time, published)
+        elif is_time and self._stepper.observation is not None:
+            self._stepper.reset_time(published.complete)
+        else:  # nothing can be spawned, so nothing is left to despawn
+            return response
+        await published.result()
+        return response
+
+    def _begin_again(self, is_time: bool, published: Awaitable) -> None:
+        observation = self._stepper.observation
+        # With time reset all begins as at the start; without, another episode on the same lane.
+        lane = None if is_time or observation is None else observation.lane.lane
+        self._stepper.begin(lane, from_time_zero=is_time, on_published=published.complete)
+
+    async def _step_simulation(
+        self, request: StepSimulation.Request, response: StepSimulation.Response
+    ) -> StepSimulation.Response:
+        response.result = await self._advance(request.steps, None)
+        return response
+
+    async def _simulate_steps(self, goal: ServerGoalHandle) -> SimulateSteps.Result:
+        result = await self._advance(goal.request.steps, goal)
+        if goal.is_cancel_requested:
+            goal.canceled()
+        elif result.result == Result.RESULT_OK:
+            goal.succeed()
+        else:
+            goal.abort()
+        return SimulateSteps.Result(result=result)
+
+    async def _advance(self, steps: int, goal: ServerGoalHandle | None) -> Result:
+        """Take steps of the paused simulation; with a goal, publish feedback and heed a cancel."""
+        if steps < 1:
+            return _failed(Result.RESULT_OPERATION_FAILED, 'steps: expected at least 1, got 0')
+        over = Awaitable(self._node)
+
+        def on_step(completed: int, is_over: bool) -> None:
+            if goal is not None:
+                goal.publish_feedback(
+                    SimulateSteps.Feedback(
+                        completed_steps=completed, remaining_steps=steps - completed
+                    )
+                )
+                is_over = is_over or goal.is_cancel_requested
+            if is_over:
+                over.complete(completed)
+                self._stepper.cancel_advance()
+
+        try:
+            self._stepper.advance(steps, on_step)
+        except SpikelaneError as error:
+            return _failed(Result.RESULT_OPERATION_FAILED, str(error))
+        while self._stepper.advance_held():
+            await self._next_spin()
+        completed = await over.result()
+        if completed < steps:
+            return _failed(
+                Result.RESULT_OPERATION_FAILED, f'stopped after {completed} of {steps} steps'
+            )
+        return _OK
+
+    async def _next_spin(self) -> None:
+        """Let the executor handle what else is waiting, a cancel request say."""
+        turn = Awaitable(self._node)
+        self._node.executor.create_task(turn.complete)
+        await turn.result()
+
+    def _get_state(
+        self, request: GetSimulationState.Request, response: GetSimulationState.Response
+    ) -> GetSimulationState.Response:
+        del request
+        response.state.state = self._stepper.state.value
+        response.result = _OK
+        return response
+
+    def _set_state(
+        self, request: SetSimulationState.Request, response: SetSimulationState.Response
+    ) -> SetSimulationState.Response:
+        target = request.state.state
+        if target == self._stepper.state.value:
+            response.result = _failed(
+                SetSimulationState.Response.ALREADY_IN_TARGET_STATE,
+                f'the simulation is already {self._stepper.state.name.lower()}',
+            )
+            return response
+        actions = {
+            SimulationState.STATE_STOPPED: self._stepper.stop,
+            SimulationState.STATE_PLAYING: self._stepper.play,
+            SimulationState.STATE_PAUSED: self._stepper.pause,
+            SimulationState.STATE_QUITTING: self._quit,
+        }
+        if target not in actions:
+            response.result = _failed(
+                SetSimulationState.Response.INCORRECT_TRANSITION,
+                f'state: expected stopped 0, playing 1, paused 2 or quitting 3, got {target}',
+            )
+            return response
+        actions[target]()
+        response.result = _OK
+        return response
+
+    def _quit(self) -> None:
+        self._stepper.stop()
+
+        async def shut_down() -> None:
+            # One turn later, so that the answer to this request is out.
+            await self._next_spin()
+            self._node.context.try_shutdown()
+
+        self._node.executor.create_task(shut_down)
+
+    def _get_features(
+        self, request: GetSimulatorFeatures.Request, response: GetSimulatorFeatures.Response
+    ) -> GetSimulatorFeatures.Response:
+        del request
+        response.features.features = _FEATURES
+        response.features.custom_info = 'Spikelane: one robot, lockstep or real time.'
+        return response
+
+    def _get_entity_state(
+        self, request: GetEntityState.Request, response: GetEntityState.Response
+    ) -> GetEntityState.Response:
+        response.result = self._known_entity(request.entity)
+        if response.result.result == Result.RESULT_OK:
+            robot = self._simulator.robot_state
+            response.state.header.frame_id = conversions.WORLD_FRAME
+            response.state.header.stamp = conversions.to_time(self._simulator.time_ns)
+            conversions.fill_pose(response.state.pose, robot)
+            conversions.fill_world_twist(response.state.twist, robot)
+        return response
+
+    def _set_entity_state(
+        self, request: SetEntityState.Request, response: SetEntityState.Response
+    ) -> SetEntityState.Response:
+        response.result = self._known_entity(request.entity)
+        if response.result.result == Result.RESULT_OK:
+            response.result = self._place(request.state)
+        return response
+
+    def _place(self, state: Any) -> Result:
+        frame = state.header.frame_id
+        if frame not in ('', conversions.WORLD_FRAME):
+            return _failed(
+                Result.RESULT_FEATURE_UNSUPPORTED,
+                f'frame_id: expected {conversions.WORLD_FRAME}, got {frame!r}',
+            )
+        position = state.pose.position
+        heading_rad = conversions.heading_of(state.pose.orientation)
+        if not all(map(math.isfinite, (position.x, position.y, heading_rad))):
+            return _failed(
+                SetEntityState.Response.INVALID_POSE,
+                'pose: expected a finite position and a rotation that is not zero',
+            )
+        try:
+            self._stepper.place(position.x, position.y, heading_rad)
+        except SpikelaneError as error:
+            return _failed(Result.RESULT_INCORRECT_STATE, str(error))
+        return _OK
+
+    def _known_entity(self, name: str) -> Result:
+        if name == ENTITY:
+            return _OK
+        return _failed(Result.RESULT_NOT_FOUND, f'entity: expected {ENTITY!r}, got {name!r}')

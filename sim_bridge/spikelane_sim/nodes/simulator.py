@@ -1,0 +1,165 @@
+"""Node `simulator`: the simulator on its topics, in lockstep or in real time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import sys
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
+from std_msgs.msg import Float64MultiArray
+
+from spikelane_sim.contract import STEP_S, WheelVelocities
+from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
+from spikelane_sim.nodes.direct import DirectSubscriptions
+from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.services import SimulatorServices
+from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.stepper import Publish, Stepper
+
+WAITING_WARNING_PERIOD_S = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorNodeParameters(Parameters):
+    """How the simulator takes part in a ROS graph."""
+
+    mode: str = parameter(
+        'lockstep',
+        'Steps wait for the answer to each observation (lockstep), or come by the wall clock.',
+        choices=('lockstep', 'realtime'),
+    )
+    real_time_factor: float = parameter(
+        1.0, 'Simulation time per wall time in realtime mode.', low=0.01, high=1000.0
+    )
+    command_timeout_s: float = parameter(
+        0.5,
+        'In realtime mode the wheels stop when no command came for this simulation time.',
+        unit='s',
+        low=0.0,
+        high=3600.0,
+    )
+    use_stamped_vel: bool = parameter(
+        False, 'cmd_vel is a TwistStamped instead of a Twist (realtime mode).'
+    )
+    autostart: bool = parameter(True, 'Begin an episode at once instead of waiting for a service.')
+    lane: str = parameter('', 'Lane of the first episode; empty: the first of the course.')
+    seed: int = parameter(0, 'Seed of all randomness.', low=0)
+    event_encoding: str = parameter(
+        'evt3', 'Encoding of the event packets.', choices=('evt3', 'mono')
+    )
+    wait_for_subscribers: int = parameter(
+        0, 'Subscribers event_camera/events must have before an observation is published.', low=0
+    )
+
+
+class SimulatorNode(Node):
+    """Publishes observations and takes wheel velocities; all else is in what it is made of."""
+
+    def __init__(self) -> None:
+        """Declare the parameters, build the simulator, and begin an episode if so asked.
+
+        Raises:
+            SpikelaneError: A parameter is not allowed, or the course cannot be driven.
+        """
+        super().__init__('simulator')
+        self.exit_status = 0
+        settings = declare_parameters(self, SimulatorNodeParameters)
+        self._simulator = Simulator(declare_parameters(self, SimulatorParameters))
+        is_realtime = settings.mode == 'realtime'
+        self._topics = SimulatorTopics(
+            self, self._simulator, settings.event_encoding, self._on_match
+        )
+        self._stepper = Stepper(
+            self._simulator,
+            Publish(
+                self._topics.publish,
+                lambda: self._topics.event_subscribers >= settings.wait_for_subscribers,
+                lambda: self.count_publishers('wheel_velocities') > 0,
+            ),
+            seed=settings.seed,
+            hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
+        )
+        self._commands = DirectSubscriptions(self)
+        self._commands.subscribe(
+            WheelVelocitiesMessage, 'wheel_velocities', self._on_wheels, QoSProfile(depth=10)
+        )
+        # Steady time: this node makes /clock and must not wait for it.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        if is_realtime:
+            self._take_usual_commands(settings.use_stamped_vel)
+            period_s = STEP_S / settings.real_time_factor
+            self.create_timer(period_s, self._stepper.tick, clock=steady)
+        self._diagnostics = SimulatorDiagnostics(
+            self, self._simulator, self._stepper, self._topics
+        )
+        self.create_timer(1.0, self._diagnostics.publish, clock=steady)
+        self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
+        self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
+        self._steps_at_warning = -1
+        self._commands.start()
+        self.get_logger().info(
+            f'{settings.mode}, course {self._simulator.course.name}, seed {settings.seed}'
+        )
+        if settings.autostart:
+            self._stepper.begin(settings.lane or None)
+
+    def destroy_node(self) -> None:
+        """Stop stepping and release everything."""
+        self._commands.stop()
+        self._simulator.close()
+        super().destroy_node()
+
+    def _on_match(self) -> None:
+        self._stepper.audience_changed()
+
+    def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
+        stamp_ns = conversions.to_stamp_ns(message.header.stamp)
+        self._stepper.command(stamp_ns, conversions.wheels_from_message(message))
+        self._diagnostics.notice()
+
+    def _take_usual_commands(self, is_stamped: bool) -> None:
+        commands = 'wheel_velocity_controller/commands'
+        self.create_subscription(Float64MultiArray, commands, self._on_array, 10)
+        kind = TwistStamped if is_stamped else Twist
+        self.create_subscription(kind, 'cmd_vel', self._on_twist, 10)
+
+    def _on_array(self, message: Float64MultiArray) -> None:
+        if len(message.data) != len(conversions.WHEEL_JOINTS):
+            self.get_logger().error(
+                'wheel_velocity_controller/commands: expected [left, right] in rad/s, '
+                f'got {len(message.data)} values'
+            )
+            return
+        self._stepper.command(None, WheelVelocities(*message.data))
+
+    def _on_twist(self, message: Twist | TwistStamped) -> None:
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        robot = self._simulator.parameters.robot
+        wheels = conversions.wheels_from_twist(twist, robot.wheel_radius_m, robot.track_m)
+        self._stepper.command(None, wheels)
+
+    def _warn_if_waiting(self) -> None:
+        observation = self._stepper.observation
+        if self._stepper.is_waiting and self._stepper.steps == self._steps_at_warning:
+            self.get_logger().warning(
+                f'waiting for wheel_velocities with stamp {observation.stamp_ns} ns; '
+                f'{self.count_publishers("wheel_velocities")} publishers are there'
+            )
+        self._steps_at_warning = self._stepper.steps
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run_node(SimulatorNode))
+
+
+if __name__ == '__main__':
+    main()

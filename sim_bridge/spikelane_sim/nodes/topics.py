@@ -1,0 +1,161 @@
+"""The simulator's topics: what is published after each step, and only to whom it interests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from event_camera_msgs.msg import EventPacket
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from spikelane_msgs.msg import LaneState as LaneStateMessage
+from std_msgs.msg import Float64, String
+from tf2_msgs.msg import TFMessage
+
+from spikelane_sim.contract import LaneState, Observation, RobotState
+from spikelane_sim.nodes import conversions
+from spikelane_sim.robots.pioneer import URDF_PATH
+from spikelane_sim.simulator import Simulator
+
+RELIABLE_10 = QoSProfile(depth=10)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class SimulatorTopics:
+    """Publishes an observation on the topics that somebody subscribes to.
+
+    Messages are made once and refilled. Event packets are published last: whoever has the packet
+    of a step can count on the rest of the step having been sent. Their publisher is also made
+    last, so that a subscriber matched to it is matched to all.
+    """
+
+    def __init__(
+        self, node: Node, simulator: Simulator, encoding: str, on_match: Callable[[], None]
+    ) -> None:
+        """Create the publishers.
+
+        Args:
+            node: The node that publishes.
+            simulator: Where the robot's state comes from.
+            encoding: Of the event packets.
+            on_match: Called when a subscriber to the event packets is met or lost.
+        """
+        self._simulator = simulator
+        self._encoding = encoding
+        self._packets = 0
+        self._make_messages(simulator)
+        self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
+        self._description = node.create_publisher(String, 'robot_description', LATCHED)
+        publish = partial(self._publisher, node)
+        self._optional = (
+            (publish(Clock, '/clock'), self._fill_clock),
+            (publish(TFMessage, '/tf', depth=100), self._fill_tf),
+            (publish(Odometry, 'ground_truth/odom'), self._fill_odometry),
+            (publish(JointState, 'joint_states'), self._fill_joint_state),
+            (publish(Float64, 'lane/distance'), self._fill_distance),
+            (publish(CameraInfo, 'event_camera/camera_info'), self._fill_camera_info),
+            (publish(Image, 'event_camera/image_raw'), self._fill_image),
+            (publish(LaneStateMessage, 'lane/state'), self._fill_lane_state),
+        )
+        self._events = node.create_publisher(
+            EventPacket,
+            'event_camera/events',
+            RELIABLE_10,
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: on_match()),
+        )
+        self._tf_static.publish(
+            TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
+        )
+        self._description.publish(String(data=URDF_PATH.read_text(encoding='utf-8')))
+
+    @property
+    def event_subscribers(self) -> int:
+        """Subscribers that the event packets reach."""
+        return int(self._events.get_subscription_count())
+
+    @property
+    def packets(self) -> int:
+        """Event packets published."""
+        return self._packets
+
+    def publish(self, observation: Observation, is_new: bool = True) -> None:
+        """Publish an observation; `is_new` is false where it has been published before."""
+        for publisher, fill in self._optional:
+            if publisher.get_subscription_count():
+                publisher.publish(fill(observation))
+        self._packets += is_new
+        conversions.fill_event_packet(
+            self._packet,
+            observation.events,
+            observation.stamp_ns,
+            self._packets - 1,
+            self._encoding,
+        )
+        self._events.publish(self._packet)
+
+    def _make_messages(self, simulator: Simulator) -> None:
+        camera = simulator.parameters.camera
+        self._packet = EventPacket(width=camera.width, height=camera.height)
+        self._packet.header.frame_id = conversions.CAMERA_FRAME
+        self._clock = Clock()
+        self._transform = TransformStamped(child_frame_id=conversions.BODY_FRAME)
+        self._transform.header.frame_id = conversions.WORLD_FRAME
+        self._odometry = Odometry(child_frame_id=conversions.BODY_FRAME)
+        self._odometry.header.frame_id = conversions.WORLD_FRAME
+        self._joints = JointState(name=list(conversions.WHEEL_JOINTS))
+        self._camera_info = conversions.camera_info(simulator.camera)
+        self._image = Image(width=camera.width, height=camera.height, encoding='bgr8')
+        self._image.step = 3 * camera.width
+        self._image.header.frame_id = conversions.CAMERA_FRAME
+        self._lane = LaneStateMessage()
+        self._lane.header.frame_id = conversions.WORLD_FRAME
+
+    @staticmethod
+    def _publisher(node: Node, kind: type, topic: str, depth: int = 10) -> Any:
+        return node.create_publisher(kind, topic, QoSProfile(depth=depth))
+
+    @property
+    def _robot(self) -> RobotState:
+        return self._simulator.robot_state
+
+    def _fill_clock(self, observation: Observation) -> Clock:
+        self._clock.clock = conversions.to_time(observation.stamp_ns)
+        return self._clock
+
+    def _fill_tf(self, observation: Observation) -> TFMessage:
+        conversions.fill_body_transform(self._transform, self._robot, observation.stamp_ns)
+        return TFMessage(transforms=[self._transform])
+
+    def _fill_odometry(self, observation: Observation) -> Odometry:
+        conversions.fill_odometry(self._odometry, self._robot, observation.stamp_ns)
+        return self._odometry
+
+    def _fill_joint_state(self, observation: Observation) -> JointState:
+        conversions.fill_joint_state(self._joints, self._robot, observation.stamp_ns)
+        return self._joints
+
+    def _fill_distance(self, observation: Observation) -> Float64:
+        return Float64(data=_lane(observation).distance_m)
+
+    def _fill_camera_info(self, observation: Observation) -> CameraInfo:
+        self._camera_info.header.stamp = conversions.to_time(observation.stamp_ns)
+        return self._camera_info
+
+    def _fill_image(self, observation: Observation) -> Image:
+        conversions.fill_event_image(self._image, observation.events, observation.stamp_ns)
+        return self._image
+
+    def _fill_lane_state(self, observation: Observation) -> LaneStateMessage:
+        conversions.fill_lane_state(self._lane, _lane(observation), observation.stamp_ns)
+        return self._lane
+
+
+def _lane(observation: Observation) -> LaneState:
+    assert observation.lane is not None  # the simulator always knows it
+    return observation.lane

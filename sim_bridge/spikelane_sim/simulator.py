@@ -1,0 +1,287 @@
+"""The simulator: course, robot and event camera in steps of 50 ms, all chance from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from types import TracebackType
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.camera import Camera, CameraParameters
+from spikelane_sim.contract import (
+    LaneState,
+    Observation,
+    RobotState,
+    simulator_rng,
+    STEP_NS,
+    TERMINATED_LANE_LOST,
+    TERMINATED_LAPS_COMPLETE,
+    TERMINATED_STEP_LIMIT,
+    WheelVelocities,
+)
+from spikelane_sim.course import advance, load_course
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.pixels import make_pixel_model, PixelParameters
+from spikelane_sim.robots import make_robot, RobotParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeParameters(Parameters):
+    """When an episode ends."""
+
+    max_distance_m: float = parameter(
+        0.5,
+        'The episode ends when the robot is farther than this from the lane centre; 0: never.',
+        unit='m',
+        low=0.0,
+        source='paper section 3.3 (0.2 for R-STDP, section 4.2)',
+    )
+    max_laps: int = parameter(1, 'Laps after which the episode ends; 0: never.', low=0)
+    max_steps: int = parameter(
+        0, 'Steps of 50 ms after which the episode ends; 0: never.', low=0, high=2**31 - 1
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorParameters(Parameters):
+    """Everything that determines a simulation but its seed."""
+
+    course: str = parameter('scenario_1', 'Name of a shipped course, or path of a course file.')
+    episode: EpisodeParameters = nested(EpisodeParameters)
+    robot: RobotParameters = nested(RobotParameters)
+    camera: CameraParameters = nested(CameraParameters)
+    pixels: PixelParameters = nested(PixelParameters)
+
+
+class CommandCounts(NamedTuple):
+    """Wheel commands that were not taken as they came, since the simulator was made."""
+
+    not_finite: int = 0  # the wheels were stopped for that step
+    clipped: int = 0  # to the robot's limit
+
+
+class Simulator:
+    """One robot with an event camera on a course.
+
+    `reset` begins an episode and gives the first observation, `step` each further one. The same
+    seed gives the same observations, bit for bit, whatever was simulated before.
+    """
+
+    def __init__(self, parameters: SimulatorParameters | None = None) -> None:
+        """Build the course, the robot and the camera.
+
+        Raises:
+            SpikelaneError: The course or a combination of parameters cannot be simulated.
+        """
+        self.parameters = parameters or SimulatorParameters()
+        self.course = load_course(self.parameters.course)
+        self.command_counts = CommandCounts()
+        camera = self.parameters.camera
+        self._pixels = make_pixel_model(self.parameters.pixels, camera.width, camera.height)
+        self._camera = Camera(camera, self.course)
+        self._robot = make_robot(self.parameters.robot, self._pixels.images_per_step)
+        self._time_ns = 0
+        self._seed = 0
+        self._episode = 0
+        self._lane_state: LaneState | None = None
+
+    def __enter__(self) -> Simulator:
+        """Return the simulator; leaving the block closes it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> Literal[False]:
+        """Close the simulator."""
+        self.close()
+        return False
+
+    def close(self) -> None:
+        """Release the physics engine."""
+        self._robot.close()
+
+    @property
+    def camera(self) -> Camera:
+        """The camera, for its intrinsics and its place on the robot."""
+        return self._camera
+
+    @property
+    def robot_state(self) -> RobotState:
+        """Pose and motion of the robot now."""
+        return self._robot.state
+
+    @property
+    def lane_state(self) -> LaneState | None:
+        """The lane state of the last observation, None before the first reset."""
+        return self._lane_state
+
+    @property
+    def time_ns(self) -> int:
+        """Simulation time [ns], 0 before the first observation."""
+        return self._time_ns
+
+    @property
+    def seed(self) -> int:
+        """The seed last given to `reset`."""
+        return self._seed
+
+    def reset_time(self) -> Observation:
+        """Let simulation time begin again, and observe the present state at its first step.
+
+        The event camera forgets what it saw, as in a reset: the observation has no events.
+
+        Raises:
+            SpikelaneError: No episode has begun.
+        """
+        if self._lane_state is None:
+            raise SpikelaneError('no episode has begun: reset the simulator first')
+        self._time_ns = 0
+        self._pixels.reset(simulator_rng(self._seed, self._episode))
+        return self._observe(self._pose_now()[None])
+
+    def reset(
+        self, lane: str | None = None, seed: int | None = None, *, from_time_zero: bool = False
+    ) -> Observation:
+        """Place the robot at a lane's start and begin an episode.
+
+        Args:
+            lane: Name of the lane; None for the next one in turn, the course's first where a
+                sequence begins.
+            seed: Not negative. Begins a new sequence of episodes, the same for the same seed;
+                None goes on with the present sequence.
+            from_time_zero: Simulation time begins again as well; otherwise it goes on.
+
+        Raises:
+            SpikelaneError: No such lane, or a negative seed.
+        """
+        if seed is not None and seed < 0:
+            raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
+        lane = self._next_lane(seed is not None) if lane is None else lane
+        start = self.course.lane(lane).start
+        if seed is not None:
+            self._seed, self._episode = seed, 0
+        if from_time_zero:
+            self._time_ns = 0
+        self._episode += 1
+        self._robot.reset(start.x_m, start.y_m, start.heading_rad)
+        self._pixels.reset(simulator_rng(self._seed, self._episode))
+        self._lane_state = self._lane_state_at_start(lane)
+        return self._observe(self._pose_now()[None])
+
+    def step(self, wheels: WheelVelocities) -> Observation:
+        """Drive for one step with these target wheel velocities.
+
+        Velocities that are not finite stop the wheels for this step, others are clipped to the
+        robot's limit; `command_counts` counts both.
+
+        Raises:
+            SpikelaneError: The episode is over, or none has begun.
+        """
+        last = self._running_lane_state()
+        poses = self._robot.step(self._admit(wheels))
+        x_m, y_m, heading_rad = _planar(poses[-1])
+        point = self.course.locate(last.lane, x_m, y_m, heading_rad)
+        lane = self.course.lanes[last.lane]
+        progress_m = advance(lane.length_m, last.position_m, point.position_m, last.progress_m)
+        laps = max(last.laps, math.floor(progress_m / lane.length_m))
+        step = last.step + 1
+        reason = self._reason_to_end(abs(point.distance_m), laps, step)
+        self._lane_state = LaneState(
+            lane=last.lane,
+            distance_m=point.distance_m,
+            heading_error_rad=point.heading_error_rad,
+            position_m=point.position_m,
+            section=lane.sections[point.section].name,
+            progress_m=progress_m,
+            laps=laps,
+            episode=last.episode,
+            step=step,
+            terminated=bool(reason),
+            reason=reason,
+        )
+        return self._observe(poses)
+
+    def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        """Move the robot elsewhere, at rest, within the episode; its progress is kept.
+
+        Raises:
+            SpikelaneError: The episode is over, or none has begun.
+        """
+        last = self._running_lane_state()
+        self._robot.reset(x_m, y_m, heading_rad)
+        point = self.course.locate(last.lane, x_m, y_m, heading_rad)
+        self._lane_state = last._replace(position_m=point.position_m)
+
+    def _observe(self, poses: NDArray[np.float64]) -> Observation:
+        start_ns = self._time_ns
+        self._time_ns += STEP_NS
+        images = self._camera.render_many(poses)
+        events = self._pixels.step(images, start_ns, self._time_ns)
+        return Observation(self._time_ns, events, self._lane_state)
+
+    def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
+        left, right = wheels
+        counts = self.command_counts
+        if not (math.isfinite(left) and math.isfinite(right)):
+            self.command_counts = counts._replace(not_finite=counts.not_finite + 1)
+            return WheelVelocities(0.0, 0.0)
+        limit = self.parameters.robot.max_wheel_velocity_rad_s
+        if max(abs(left), abs(right)) > limit:
+            self.command_counts = counts._replace(clipped=counts.clipped + 1)
+            return WheelVelocities(min(max(left, -limit), limit), min(max(right, -limit), limit))
+        return wheels
+
+    def _reason_to_end(self, distance_m: float, laps: int, step: int) -> str:
+        limits = self.parameters.episode
+        if limits.max_distance_m and distance_m > limits.max_distance_m:
+            return TERMINATED_LANE_LOST
+        if limits.max_laps and laps >= limits.max_laps:
+            return TERMINATED_LAPS_COMPLETE
+        if limits.max_steps and step >= limits.max_steps:
+            return TERMINATED_STEP_LIMIT
+        return ''
+
+    def _running_lane_state(self) -> LaneState:
+        if self._lane_state is None or self._lane_state.terminated:
+            raise SpikelaneError('no episode is running: reset the simulator first')
+        return self._lane_state
+
+    def _lane_state_at_start(self, lane: str) -> LaneState:
+        x_m, y_m, heading_rad = _planar(self._pose_now())
+        point = self.course.locate(lane, x_m, y_m, heading_rad)
+        return LaneState(
+            lane=lane,
+            distance_m=point.distance_m,
+            heading_error_rad=point.heading_error_rad,
+            position_m=point.position_m,
+            section=self.course.lanes[lane].sections[point.section].name,
+            progress_m=0.0,
+            laps=0,
+            episode=self._episode,
+            step=0,
+            terminated=False,
+            reason='',
+        )
+
+    def _pose_now(self) -> NDArray[np.float64]:
+        state = self._robot.state
+        return np.array(state.position + state.orientation)
+
+    def _next_lane(self, is_first: bool) -> str:
+        names = tuple(self.course.lanes)
+        if is_first or self._lane_state is None:
+            return names[0]
+        return names[(names.index(self._lane_state.lane) + 1) % len(names)]
+
+
+def _planar(pose: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return x [m], y [m] and heading [rad] of a pose (7,)."""
+    x, y, _, qx, qy, qz, qw = pose.tolist()
+    return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))

@@ -1,0 +1,301 @@
+"""When the simulator steps: the lockstep protocol, real time, and the states of a simulation.
+
+In lockstep each observation is published and then waits for the wheel velocities that carry its
+stamp; nothing sleeps or polls, and a command with another stamp changes nothing. In real time
+the steps come from a clock outside, and the last command holds for half a second.
+
+Calls may come from several threads: commands from one, services and timers from another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+import threading
+from typing import NamedTuple
+
+from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.simulator import Simulator
+
+STANDSTILL = WheelVelocities(0.0, 0.0)
+
+
+class RunState(Enum):
+    """States of a simulation, as in simulation_interfaces."""
+
+    STOPPED = 0  # reset to its beginning, time at 0
+    PLAYING = 1
+    PAUSED = 2
+
+
+class Publish(NamedTuple):
+    """How the stepper reaches the world.
+
+    Attributes:
+        observation: Publishes an observation; the flag is false where it was published before.
+        is_heard: Whether all those are there who must not miss an observation.
+        has_controller: Whether anybody could answer.
+    """
+
+    observation: Callable[[Observation, bool], None]
+    is_heard: Callable[[], bool]
+    has_controller: Callable[[], bool]
+
+
+class _Advance:
+    """A number of steps asked for while the simulation is paused."""
+
+    def __init__(self, steps: int, on_step: Callable[[int, bool], None]) -> None:
+        self.steps, self.completed, self.on_step = steps, 0, on_step
+
+
+class Stepper:
+    """Runs a simulator by the answers that come from outside."""
+
+    def __init__(
+        self, simulator: Simulator, publish: Publish, *, seed: int, hold_ns: int | None = None
+    ) -> None:
+        """Start in the state STOPPED.
+
+        Args:
+            simulator: What is stepped.
+            publish: Where observations go.
+            seed: Of the first sequence of episodes, and of each after a full reset.
+            hold_ns: How long a command holds [ns of simulation time] in real time; None for
+                lockstep.
+        """
+        self._simulator = simulator
+        self._publish = publish
+        self._seed = seed
+        self._hold_ns = hold_ns
+        self._lock = threading.RLock()
+        self._state = RunState.STOPPED
+        self._observation: Observation | None = None
+        self._is_published = False
+        self._on_published: list[Callable[[Observation], None]] = []
+        self._answer: WheelVelocities | None = None
+        self._command = STANDSTILL
+        self._command_ns = 0
+        self._advance: _Advance | None = None
+        self.ignored_commands = 0
+        self.steps = 0
+
+    @property
+    def state(self) -> RunState:
+        """State of the simulation."""
+        return self._state
+
+    @property
+    def observation(self) -> Observation | None:
+        """The last observation; None before an episode begins."""
+        return self._observation
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a lockstep observation is out that nobody has answered."""
+        with self._lock:
+            return self._hold_ns is None and self._may_step and self._answer is None
+
+    def begin(
+        self,
+        lane: str | None = None,
+        seed: int | None = None,
+        *,
+        from_time_zero: bool = False,
+        on_published: Callable[[Observation], None] | None = None,
+    ) -> None:
+        """Begin an episode, and play unless paused.
+
+        Args:
+            lane: As in `Simulator.reset`.
+            seed: As in `Simulator.reset`.
+            from_time_zero: As in `Simulator.reset`.
+            on_published: Called with the first observation once it is published.
+
+        Raises:
+            SpikelaneError: As in `Simulator.reset`; nothing has changed then.
+        """
+        with self._lock:
+            if seed is None and (from_time_zero or self._observation is None):
+                seed = self._seed
+            observation = self._simulator.reset(lane, seed, from_time_zero=from_time_zero)
+            if self._state is RunState.STOPPED:
+                self._state = RunState.PLAYING
+            self._command = STANDSTILL
+            self._show(observation, on_published)
+
+    def reset_time(self, on_published: Callable[[Observation], None]) -> None:
+        """Let simulation time begin again within the episode, if there is one.
+
+        Raises:
+            SpikelaneError: No episode has begun.
+        """
+        with self._lock:
+            self._command_ns = 0
+            self._show(self._simulator.reset_time(), on_published)
+
+    def command(self, stamp_ns: int | None, wheels: WheelVelocities) -> None:
+        """Take wheel velocities.
+
+        Args:
+            stamp_ns: Stamp of the observation answered; of no meaning in real time.
+            wheels: The velocities.
+        """
+        with self._lock:
+            if self._hold_ns is not None:
+                self._command, self._command_ns = wheels, self._simulator.time_ns
+            elif (
+                self._observation is None
+                or not self._is_published
+                or stamp_ns != self._observation.stamp_ns
+                or self._answer is not None
+            ):
+                self.ignored_commands += 1
+            else:
+                self._take_answer(wheels)
+
+    def tick(self) -> None:
+        """Take one step of real time, if the simulation plays and an episode runs."""
+        with self._lock:
+            if self._state is RunState.PLAYING and self._is_running:
+                self._step(self._held_command())
+
+    def play(self) -> None:
+        """Go on, or begin where nothing has begun."""
+        with self._lock:
+            self._state = RunState.PLAYING
+            if self._observation is None:
+                self.begin(from_time_zero=True)
+            elif self._answer is not None:
+                self._take_answer(self._answer)
+
+    def pause(self) -> None:
+        """Take no further step until `play` or `advance`."""
+        with self._lock:
+            self._state = RunState.PAUSED
+
+    def stop(self) -> None:
+        """Pause, and forget everything: the next play begins at time zero with the first seed."""
+        with self._lock:
+            self._state = RunState.STOPPED
+            self._observation = None
+            self._answer = None
+            self.cancel_advance()
+
+    def advance(self, steps: int, on_step: Callable[[int, bool], None]) -> None:
+        """Take some steps of a paused simulation; they are answered as in play.
+
+        Where no controller is there, or in real time, the last command holds.
+
+        Args:
+            steps: How many, at least 1.
+            on_step: Called after each step with the number taken, and whether no more will come
+                (all are taken, the episode is over, or they are cancelled).
+
+        Raises:
+            SpikelaneError: Not paused, steps are being taken already, or the episode is over.
+        """
+        with self._lock:
+            if self._state is not RunState.PAUSED:
+                raise SpikelaneError('steps can be asked for only while the simulation is paused')
+            if self._advance is not None:
+                raise SpikelaneError('other steps are being taken')
+            if self._observation is None:
+                self.begin(from_time_zero=True)
+            if not self._is_running:
+                raise SpikelaneError('the episode is over: reset the simulation first')
+            self._advance = _Advance(steps, on_step)
+            if self._answer is not None:
+                self._take_answer(self._answer)
+
+    def advance_held(self) -> bool:
+        """Take one of the steps asked for with the last command, where nobody will answer.
+
+        Returns:
+            Whether a step was taken.
+        """
+        with self._lock:
+            if self._advance is None or not self._is_running:
+                return False
+            if self._hold_ns is None and self._publish.has_controller():
+                return False
+            self._step(self._held_command())
+            return True
+
+    def cancel_advance(self) -> None:
+        """Take no more of the steps asked for."""
+        with self._lock:
+            advance, self._advance = self._advance, None
+            if advance is not None:
+                advance.on_step(advance.completed, True)
+
+    def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        """Move the robot elsewhere between two steps; see `Simulator.place`.
+
+        Raises:
+            SpikelaneError: No episode is running.
+        """
+        with self._lock:
+            self._simulator.place(x_m, y_m, heading_rad)
+
+    def audience_changed(self) -> None:
+        """Publish the observation (again) that still waits, since somebody may have missed it."""
+        with self._lock:
+            if self._observation is not None:
+                self._publish_if_heard()
+
+    @property
+    def _is_running(self) -> bool:
+        lane = self._observation.lane if self._observation is not None else None
+        return lane is not None and not lane.terminated
+
+    @property
+    def _may_step(self) -> bool:
+        is_asked = self._state is RunState.PLAYING or self._advance is not None
+        return is_asked and self._is_running and self._is_published
+
+    def _take_answer(self, wheels: WheelVelocities) -> None:
+        if self._may_step:
+            self._step(wheels)
+        else:
+            self._answer = wheels
+
+    def _step(self, wheels: WheelVelocities) -> None:
+        self._command = wheels
+        observation = self._simulator.step(wheels)
+        self.steps += 1
+        self._show(observation)
+        advance = self._advance
+        if advance is not None:
+            advance.completed += 1
+            is_over = advance.completed >= advance.steps or not self._is_running
+            if is_over:
+                self._advance = None
+            advance.on_step(advance.completed, is_over)
+
+    def _held_command(self) -> WheelVelocities:
+        if self._hold_ns is None:
+            return self._command
+        is_fresh = self._simulator.time_ns - self._command_ns <= self._hold_ns
+        return self._command if is_fresh else STANDSTILL
+
+    def _show(
+        self, observation: Observation, on_published: Callable[[Observation], None] | None = None
+    ) -> None:
+        self._observation = observation
+        self._answer = None
+        self._is_published = False
+        if on_published is not None:
+            self._on_published.append(on_published)
+        self._publish_if_heard()
+
+    def _publish_if_heard(self) -> None:
+        observation = self._observation
+        if observation is None or not (self._is_published or self._publish.is_heard()):
+            return
+        is_new, self._is_published = not self._is_published, True
+        self._publish.observation(observation, is_new)
+        callbacks, self._on_published = self._on_published, []
+        for callback in callbacks:
+            callback(observation)
