@@ -1,4 +1,4 @@
-"""Pixels like those of a real sensor, after ESIM (Rebecq et al. 2018, section 3) and v2e.
+"""Pixels like those of a real sensor, after ESIM (Rebecq et al. 2018) and v2e.
 
 A pixel follows L = ln(I + I_dark) and fires whenever L has moved from its reference by a contrast
 threshold, several times per step if need be; each event moves the reference by that threshold.

@@ -46,7 +46,7 @@ def draw_shot(
 ) -> NoiseEvents:
     """Draw shot noise events, ON as often as OFF.
 
-    The rate falls linearly with the intensity, as in v2e (Hu, Liu, Delbruck 2021, section 3).
+    The rate falls linearly with the intensity, as in v2e (Hu, Liu, Delbruck 2021).
 
     Args:
         rng: Where the numbers come from.
