@@ -1,0 +1,120 @@
+"""From events to images of counts: the inputs of the controllers (paper sections 3.2 and 4.3).
+
+An image counts the events of square cells of pixels, whatever their polarity, after rows are
+cropped at the top and the bottom. Its row 0 is the top one and its column 0 the left one. The
+spiking networks see the 8 x 4 cells of one step, the deep Q-network the 32 x 16 cells of ten.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
+from spikelane_sim.parameters import parameter, Parameters
+
+Counts = NDArray[np.int64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EncodingParameters(Parameters):
+    """How the sensor is divided into cells; the defaults are the spiking controllers'."""
+
+    width: int = parameter(128, 'Columns of the sensor.', unit='px', low=1)
+    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1)
+    crop_top: int = parameter(40, 'Rows left out at the top.', unit='px', low=0)
+    crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0)
+    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, source='section 4.3')
+
+    @property
+    def rows(self) -> int:
+        """Rows of cells."""
+        return (self.height - self.crop_top - self.crop_bottom) // self.cell
+
+    @property
+    def columns(self) -> int:
+        """Columns of cells."""
+        return self.width // self.cell
+
+    def _check_relations(self) -> None:
+        kept = self.height - self.crop_top - self.crop_bottom
+        if kept < 1 or kept % self.cell or self.width % self.cell:
+            raise ParameterError(
+                f'cell: expected cells that fill the {self.width} x {kept} px left after '
+                f'cropping, got {self.cell} px'
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StateImageParameters(EncodingParameters):
+    """The state of the deep Q-network: finer cells, summed over the steps of an action."""
+
+    cell: int = parameter(4, 'Side of a cell.', unit='px', low=1, source='section 3.2')
+    frames: int = parameter(10, 'Last steps that count.', low=1, source='section 3.2')
+
+
+def count_events(events: Events, parameters: EncodingParameters) -> Counts:
+    """Count the events in each cell, whatever their polarity.
+
+    Args:
+        events: Events of one step, (N,). Those outside the cells are not counted.
+        parameters: The cells.
+
+    Returns:
+        Counts, (rows, columns).
+    """
+    counts: Counts = _count(
+        events, parameters.rows, parameters.columns, parameters.crop_top, parameters.cell
+    )
+    return counts
+
+
+@numba.njit(cache=True)
+def _count(events: Events, rows: int, columns: int, crop_top: int, cell: int) -> Counts:
+    counts = np.zeros((rows, columns), np.int64)
+    side = np.int32(cell)
+    for event in events:
+        y = np.int32(event.y) - np.int32(crop_top)
+        row, column = y // side, np.int32(event.x) // side
+        if 0 <= row < rows and column < columns:
+            counts[row, column] += 1
+    return counts
+
+
+class StateImage:
+    """Counts of the last few steps: first in, first out; zeros before the first step.
+
+    Args:
+        parameters: The cells, and how many steps count.
+    """
+
+    def __init__(self, parameters: StateImageParameters | None = None) -> None:
+        self.parameters = parameters or StateImageParameters()
+        shape = (self.parameters.frames, self.parameters.rows, self.parameters.columns)
+        self._frames = np.zeros(shape, np.int64)
+        self._oldest = 0
+
+    def clear(self) -> None:
+        """Forget all steps, as at the start of an episode."""
+        self._frames[:] = 0
+        self._oldest = 0
+
+    def add(self, events: Events) -> None:
+        """Take in the events of one step, (N,), and drop the oldest step."""
+        self._frames[self._oldest] = count_events(events, self.parameters)
+        self._oldest = (self._oldest + 1) % self.parameters.frames
+
+    @property
+    def counts(self) -> Counts:
+        """Events in each cell over the last steps, (rows, columns)."""
+        total: Counts = self._frames.sum(axis=0)
+        return total
+
+    @property
+    def binary(self) -> NDArray[np.uint8]:
+        """1 where a cell had an event, else 0, (rows, columns): the state of the DQN."""
+        return (self.counts > 0).astype(np.uint8)
