@@ -1,0 +1,88 @@
+"""From spikes to wheels: the steering model of paper section 4.3.
+
+A neuron's activity is m = spikes / n_max. Two of them set a speed and a turn,
+
+    a = m_left - m_right,  V = v_max - |a| (v_max - v_min),  S = turn a,
+
+which are followed the faster the more active the neurons are,
+
+    c = sqrt((m_left^2 + m_right^2) / 2),  v <- c V + (1 - c) v,  s <- c S + (1 - c) s,
+
+and the wheels turn at v + s (left) and v - s (right): a more active left neuron turns right.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+from spikelane_sim.contract import WheelVelocities
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import parameter, Parameters
+
+_TABLE = 'table "Simulation parameters specification"'
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SteeringParameters(Parameters):
+    """The steering model; speeds are of the wheels (see `WheelVelocities` for their unit)."""
+
+    n_max: int = parameter(15, 'Spikes in a step at full activity.', low=1, source=_TABLE)
+    v_min: float = parameter(
+        1.0, 'Speed when one neuron alone is active.', unit='rad/s', low=0.0, source=_TABLE
+    )
+    v_max: float = parameter(
+        1.5, 'Speed when both are equally active.', unit='rad/s', low=0.0, source=_TABLE
+    )
+    turn: float = parameter(
+        0.5, 'Turn when one neuron alone is active.', unit='rad/s', low=0.0, source=_TABLE
+    )
+
+    def _check_relations(self) -> None:
+        if self.v_max < self.v_min:
+            raise ParameterError(
+                f'v_max: expected at least v_min = {self.v_min:g} rad/s, got {self.v_max:g}'
+            )
+
+
+class SteeringState(NamedTuple):
+    """What is smoothed from step to step."""
+
+    speed: float  # v, mean of the wheels [rad/s]
+    turn: float  # s, half of left less right [rad/s], positive turns right
+
+
+def initial_steering(parameters: SteeringParameters) -> SteeringState:
+    """Return the steering at the start of an episode: straight on, slowly."""
+    return SteeringState(parameters.v_min, 0.0)
+
+
+def steer(
+    state: SteeringState, left_spikes: int, right_spikes: int, parameters: SteeringParameters
+) -> tuple[SteeringState, WheelVelocities]:
+    """Decode the spikes of one step.
+
+    Activities are not limited to 1. With the paper's n_max of 15, which is under the 24 spikes
+    that 2 ms of refractory period allow, a neuron that exceeds it steers beyond `turn` and
+    brakes below v_min.
+
+    Args:
+        state: Steering after the step before.
+        left_spikes: Spikes of the left neuron in this step.
+        right_spikes: Spikes of the right neuron.
+        parameters: The steering model.
+
+    Returns:
+        The steering now, and the wheels' velocities that follow from it.
+    """
+    left, right = left_spikes / parameters.n_max, right_spikes / parameters.n_max
+    difference = left - right
+    speed = parameters.v_max - abs(difference) * (parameters.v_max - parameters.v_min)
+    turn = parameters.turn * difference
+    c = math.sqrt((left * left + right * right) / 2)
+    state = SteeringState(
+        c * speed + (1 - c) * state.speed,
+        c * turn + (1 - c) * state.turn,
+    )
+    return state, WheelVelocities(state.speed + state.turn, state.speed - state.turn)
