@@ -1,0 +1,254 @@
+"""A Pioneer P3-DX in the physics engine Bullet (pybullet).
+
+pybullet needs some care, found by measurement:
+
+- A friction that is set in one call of changeDynamics with other properties is dropped without a
+  word (bulletphysics/bullet3 issue 3314), so each call sets one property. A caster that keeps its
+  default friction of 0.5 makes the robot turn 1 to 80 % slow.
+- Motor impulses are limited to force times `fixedTimeStep`, in every sub-step, so the force is
+  divided by the number of sub-steps. The trajectory then has the same bits however many
+  sub-steps one call of stepSimulation takes.
+- The drive and the grip of a wheel work against each other in the solver, which takes the longer
+  to converge the lighter the wheel. With the geared rotor's inertia, which the real robot has
+  too, it needs 20 to 30 iterations instead of more than 50.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import functools
+import math
+from typing import Any
+import weakref
+
+import numpy as np
+from numpy.typing import NDArray
+import pybullet
+
+from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.robots import RobotParameters
+from spikelane_sim.robots.description import Description, read_description, URDF_PATH
+
+_GRAVITY_M_S2 = 9.81
+# The solver stops once no constraint's velocity changes by more than the root of this. At
+# pybullet's default of 1e-7 a robot told to stand creeps by 0.02 mm/s.
+_SOLVER_RESIDUAL_M2_S2 = 1e-9
+_BASE = -1  # pybullet's index of the base link
+_LEFT, _RIGHT = 0, 1  # and of the wheels, in the order they are given to it
+_WHEELS = (_LEFT, _RIGHT)
+_LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+class Pioneer:
+    """A Pioneer P3-DX on a level floor (`contract.Robot`)."""
+
+    def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
+        """Make the robot, at the origin.
+
+        Raises:
+            ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
+                not divide the steps, or the geometry is not that of `pioneer.urdf`.
+        """
+        self._substeps = _substeps(parameters.physics_step_s, poses_per_step)
+        self._description = read_description()
+        _check_geometry(parameters, self._description)
+        self._parameters = parameters
+        self._poses_per_step = poses_per_step
+        self._torques = (parameters.wheel_torque_n_m / self._substeps,) * 2
+        self._engine = _Engine()
+        self.reset(0.0, 0.0, 0.0)
+
+    def reset(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        """Place the robot, at rest.
+
+        The whole world is made anew, so that nothing of the past reaches the next run's bits.
+        """
+        engine = self._engine
+        engine.resetSimulation()
+        engine.setGravity(0.0, 0.0, -_GRAVITY_M_S2)
+        engine.setPhysicsEngineParameter(
+            fixedTimeStep=STEP_S / self._poses_per_step,
+            numSubSteps=self._substeps,
+            numSolverIterations=self._parameters.solver_iterations,
+            solverResidualThreshold=_SOLVER_RESIDUAL_M2_S2,
+            deterministicOverlappingPairs=1,
+        )
+        self._lay_floor()
+        self._make_body((x_m, y_m, self._parameters.height_m), heading_rad)
+        self._set_dynamics()
+        self._drive(WheelVelocities(0.0, 0.0))
+
+    def step(self, wheels: WheelVelocities) -> NDArray[np.float64]:
+        """Drive for one step; see `contract.Robot`."""
+        self._drive(wheels)
+        poses = np.empty((self._poses_per_step, 7))
+        for row in range(self._poses_per_step):
+            self._engine.stepSimulation()
+            position, orientation = self._pose()
+            poses[row, :3] = position
+            poses[row, 3:] = orientation
+        return poses
+
+    @property
+    def state(self) -> RobotState:
+        """Pose and motion now."""
+        position, orientation = self._pose()
+        linear, angular = self._engine.getBaseVelocity(self._body)
+        left, right = self._engine.getJointStates(self._body, _WHEELS)
+        to_body = (-orientation[0], -orientation[1], -orientation[2], orientation[3])
+        angular = _rotate(to_body, angular)
+        # The engine speaks of the centre of mass, we of base_link's origin.
+        x, y, z = _rotate(to_body, linear)
+        swing = _cross(angular, self._description.base.mass_centre_m)
+        return RobotState(
+            position=position,
+            orientation=orientation,
+            linear=(x - swing[0], y - swing[1], z - swing[2]),
+            angular=angular,
+            wheel_angles=(left[0], right[0]),
+            wheel_velocities=(left[1], right[1]),
+        )
+
+    def close(self) -> None:
+        """Release the physics engine; a second call does nothing."""
+        self._engine.close()
+
+    def _lay_floor(self) -> None:
+        # At height 0: there the robot stands without a drop, its wheels 0.01 mm deep in the
+        # floor, the depth that Bullet leaves alone.
+        shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE)
+        floor = self._engine.createMultiBody(0.0, shape)
+        self._engine.changeDynamics(floor, _BASE, lateralFriction=1.0)
+
+    def _make_body(self, position_m: Sequence[float], heading_rad: float) -> None:
+        base, *wheels = self._description
+        caster, left, right = (
+            self._engine.createCollisionShape(
+                pybullet.GEOM_SPHERE,
+                radius=part.contact_radius_m,
+                collisionFramePosition=part.contact_m,
+            )
+            for part in self._description
+        )
+        self._body = self._engine.createMultiBody(
+            base.mass_kg,
+            caster,
+            basePosition=position_m,
+            baseOrientation=(0.0, 0.0, math.sin(heading_rad / 2), math.cos(heading_rad / 2)),
+            baseInertialFramePosition=base.mass_centre_m,
+            linkMasses=[wheel.mass_kg for wheel in wheels],
+            linkCollisionShapeIndices=[left, right],
+            linkVisualShapeIndices=[-1, -1],
+            linkPositions=[wheel.origin_m for wheel in wheels],
+            linkOrientations=[_LEVEL, _LEVEL],
+            linkInertialFramePositions=[wheel.mass_centre_m for wheel in wheels],
+            linkInertialFrameOrientations=[_LEVEL, _LEVEL],
+            linkParentIndices=[0, 0],
+            linkJointTypes=[pybullet.JOINT_REVOLUTE] * 2,
+            linkJointAxis=[(0.0, 1.0, 0.0)] * 2,
+        )
+
+    def _set_dynamics(self) -> None:
+        change = functools.partial(self._engine.changeDynamics, self._body)
+        base, *wheels = self._description
+        change(_BASE, linearDamping=0.0)
+        change(_BASE, angularDamping=0.0)
+        change(_BASE, activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING)
+        change(_BASE, lateralFriction=0.0)
+        change(_BASE, localInertiaDiagonal=base.inertia_kg_m2)
+        for index, wheel in zip(_WHEELS, wheels, strict=True):
+            x, y, z = wheel.inertia_kg_m2
+            y += self._parameters.rotor_inertia_kg_m2
+            change(index, lateralFriction=self._parameters.wheel_friction)
+            change(index, localInertiaDiagonal=(x, y, z))
+
+    def _drive(self, wheels: WheelVelocities) -> None:
+        self._engine.setJointMotorControlArray(
+            self._body,
+            _WHEELS,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=wheels,
+            forces=self._torques,
+        )
+
+    def _pose(self) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+        """Return the place of base_link [m] and its quaternion."""
+        position, orientation = self._engine.getBasePositionAndOrientation(self._body)
+        x, y, z = _rotate(orientation, self._description.base.mass_centre_m)
+        return (position[0] - x, position[1] - y, position[2] - z), tuple(orientation)
+
+
+class _Engine:
+    """A physics server of our own, whose functions are methods here.
+
+    pybullet's own BulletClient prints a line to the standard output for every client.
+    """
+
+    def __init__(self) -> None:
+        self._id = pybullet.connect(pybullet.DIRECT)
+        self._release = weakref.finalize(self, pybullet.disconnect, self._id)
+
+    def __getattr__(self, name: str) -> Any:
+        function = functools.partial(getattr(pybullet, name), physicsClientId=self._id)
+        setattr(self, name, function)
+        return function
+
+    def close(self) -> None:
+        """Disconnect; what is called afterwards raises pybullet.error."""
+        self._release()
+        # The server's number may be given to another one.
+        self.__dict__ = {'_id': -1, '_release': self._release}
+
+
+def _substeps(physics_step_s: float, poses_per_step: int) -> int:
+    """Return how many steps of the physics lie between two poses."""
+    steps = round(STEP_S / physics_step_s)
+    if poses_per_step < 1 or steps % poses_per_step:
+        raise ParameterError(
+            f'poses_per_step: expected a divisor of {steps}, got {poses_per_step}'
+        )
+    substeps = steps // poses_per_step
+    interval_s = STEP_S / poses_per_step
+    # stepSimulation counts its sub-steps like this, and for some numbers (11, 19) it miscounts.
+    count = int(interval_s / (interval_s / substeps))
+    is_exact = count == substeps and interval_s - count * (interval_s / substeps) == 0.0
+    if abs(steps * physics_step_s - STEP_S) > 1e-12 or not is_exact:
+        raise ParameterError(
+            f'physics_step_s: expected a whole fraction of {STEP_S} s like 0.005 or 0.001, '
+            f'got {physics_step_s}'
+        )
+    return substeps
+
+
+def _check_geometry(parameters: RobotParameters, description: Description) -> None:
+    """Refuse a geometry that the description does not have."""
+    left, right = description.left, description.right
+    described = {
+        'wheel_radius_m': left.contact_radius_m,
+        'track_m': left.origin_m[1] - right.origin_m[1],
+        'axle_x_m': left.origin_m[0],
+    }
+    for name, expected in described.items():
+        value = getattr(parameters, name)
+        if abs(value - expected) > 1e-9:
+            raise ParameterError(
+                f'{name}: expected {expected:g} as in {URDF_PATH.name}, got {value:g}; '
+                f'only the kinematic robot can have another'
+            )
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def _rotate(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """Turn a vector by a unit quaternion x, y, z, w."""
+    w = quaternion[3]
+    x, y, z = _cross(quaternion, vector)
+    x, y, z = _cross(quaternion, (x + w * vector[0], y + w * vector[1], z + w * vector[2]))
+    return vector[0] + 2 * x, vector[1] + 2 * y, vector[2] + 2 * z
