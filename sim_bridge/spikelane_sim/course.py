@@ -222,6 +222,11 @@ def available_courses() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _COURSES.glob('*.yaml')))
 
 
+def scenario_course(scenario: str | int) -> str:
+    """Return the course of a scenario: the paper's 1, 2 and 3 by number, others as they are."""
+    return f'scenario_{scenario}' if str(scenario).isdigit() else str(scenario)
+
+
 def load_course(name_or_path: str) -> Course:
     """Load a shipped course by name, or a course file by path.
 

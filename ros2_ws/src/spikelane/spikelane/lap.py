@@ -15,7 +15,7 @@ from spikelane.run_folder import lap_name, RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.registry import controller_class, make_controller
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course
+from spikelane_sim.course import load_course, scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -91,9 +91,11 @@ def make_config(
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    course = f'scenario_{scenario}' if scenario.isdigit() else scenario
     cls = controller_class(controller).parameters_class
-    groups: dict[str, dict[str, Any]] = {'simulator': {'course': course}, controller: {}}
+    groups: dict[str, dict[str, Any]] = {
+        'simulator': {'course': scenario_course(scenario)},
+        controller: {},
+    }
     for name, value in parameters.items():
         group, _, rest = name.partition('.')
         if group not in groups:
@@ -143,11 +145,19 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
 
 
 def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
-    """Make the folder a lap leaves, with its configuration in it."""
+    """Make the folder a lap leaves, with its configuration in it.
+
+    Args:
+        config: What is going to be driven.
+        out: The folder, new or empty; None for the usual one, numbered where it exists.
+
+    Raises:
+        SpikelaneError: The folder is in use or cannot be made.
+    """
     usual = Path('runs') / lap_name(
         Path(config.scenario).stem, config.controller, config.lane, config.seed
     )
-    folder = RunFolder.create(out or usual)
+    folder = RunFolder.create(out or usual, numbered=out is None)
     folder.write_config(config.to_dict())
     return folder
 

@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         type=Path,
         metavar='DIR',
-        help='folder for the results, numbered where it exists (default: runs/lap-...)',
+        help='folder for the results, new or empty (default: runs/lap-..., numbered where it exists)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
@@ -111,7 +111,8 @@ def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
         raise SpikelaneError(
             f'--transport ros: expected ROS 2 and the built workspace, got {error}'
         ) from None
-    return drive_lap_over_ros(config, folder, show)
+    driven: DrivenLap = drive_lap_over_ros(config, folder, show)
+    return driven
 
 
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:

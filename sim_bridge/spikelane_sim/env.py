@@ -1,0 +1,232 @@
+"""Gymnasium environment `spikelane/LaneKeeping-v0`: the paper's task with its reward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import gymnasium
+from gymnasium import spaces
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.contract import (
+    LaneState,
+    Observation,
+    TERMINATED_LANE_LOST,
+    WheelVelocities,
+)
+from spikelane_sim.course import scenario_course
+from spikelane_sim.encoding import (
+    count_events,
+    EncodingParameters,
+    StateImage,
+    StateImageParameters,
+)
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+ENV_ID = 'spikelane/LaneKeeping-v0'
+
+#: Left, straight, right: how the turning velocity is added to the left wheel.
+_TURNS = (-1.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskParameters(Parameters):
+    """The task around the simulator: actions and reward."""
+
+    steps_per_action: int = parameter(
+        10, 'Steps of 50 ms for which an action holds.', low=1, source='paper section 3.2'
+    )
+    drive_rad_s: float = parameter(
+        1.0, 'Wheel velocity straight on (v_s).', unit='rad/s', source='paper, DQN parameters'
+    )
+    turn_rad_s: float = parameter(
+        0.25, 'Added and subtracted to turn (v_t).', unit='rad/s', source='paper, DQN parameters'
+    )
+    reward_sigma_m: float = parameter(
+        0.15, 'Standard deviation of the reward.', unit='m', low=1e-6, source='paper section 3.3'
+    )
+    max_actions: int = parameter(
+        1000, 'Actions after which an episode is truncated.', low=1, source='paper section 3.4'
+    )
+
+
+class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
+    """Keep a robot with an event camera on its lane.
+
+    ## Observation space
+    `observation='state_image'`: Box(0, 1, (16, 32), uint8), 1 where a cell of 4 x 4 pixels had an
+    event in the last ten steps (the deep Q-network's state). `observation='spike_counts'`:
+    Box(0, 256, (4, 8), int64), events of the last step in cells of 16 x 16 pixels (the spiking
+    networks' input). Row 0 is the top one. All zeros after a reset.
+
+    ## Action space
+    `actions='discrete'`: Discrete(3), 0 left, 1 straight, 2 right. `actions='wheels'`: Box of two
+    target velocities [rad/s], left and right, up to the robot's limit. An action holds for
+    `task.steps_per_action` steps of 50 ms.
+
+    ## Reward
+    After each action the sum of the terms in `info['reward_terms']`: `lane_centre`, the normal
+    density of the lane distance (paper section 3.3), 2.66 at the centre.
+
+    ## Episode
+    Begins at a lane's start: the lane in `reset(options={'lane': ...})`, otherwise the course's
+    first after a reset with a seed and then the next in turn. Terminated when the robot is
+    farther than `simulator.episode.max_distance_m` from the lane's centre; truncated after
+    `task.max_actions` actions. Laps do not end it.
+    """
+
+    metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 20}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenario: str | int = 1,
+        observation: str = 'state_image',
+        actions: str = 'discrete',
+        render_mode: str | None = None,
+        simulator: dict[str, Any] | None = None,
+        task: dict[str, Any] | None = None,
+    ) -> None:
+        """Build the environment.
+
+        Args:
+            scenario: The paper's 1, 2 or 3, or the name or path of a course file.
+            observation: 'state_image' or 'spike_counts'.
+            actions: 'discrete' or 'wheels'.
+            render_mode: None, or 'rgb_array': the events of the last step.
+            simulator: Parameters of `SimulatorParameters`, as `{'robot.model': 'kinematic'}`.
+            task: Parameters of `TaskParameters`.
+
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        _check_choice('observation', observation, ('state_image', 'spike_counts'))
+        _check_choice('actions', actions, ('discrete', 'wheels'))
+        if render_mode is not None:
+            _check_choice('render_mode', render_mode, ('rgb_array',))
+        self.render_mode = render_mode
+        self._task = TaskParameters.from_mapping(task or {}, 'task')
+        values = {'course': scenario_course(scenario), 'episode.max_laps': 0} | (simulator or {})
+        self._simulator = Simulator(SimulatorParameters.from_mapping(values, 'simulator'))
+        camera = self._simulator.parameters.camera
+        self._state_image = StateImage(
+            StateImageParameters(width=camera.width, height=camera.height)
+        )
+        self._cells = EncodingParameters(width=camera.width, height=camera.height)
+        self._is_image = observation == 'state_image'
+        self._is_discrete = actions == 'discrete'
+        self.observation_space = self._make_observation_space()
+        self.action_space = self._make_action_space()
+        self._last: Observation | None = None
+        self._actions_taken = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.generic], dict[str, Any]]:
+        """Begin an episode; see the class."""
+        super().reset(seed=seed)
+        if seed is None and self._last is None:
+            seed = int(self.np_random.integers(2**31))
+        lane = (options or {}).get('lane')
+        self._last = self._simulator.reset(lane, seed)
+        self._actions_taken = 0
+        self._state_image.clear()
+        return self._observation(), self._info(_lane(self._last))
+
+    def step(self, action: Any) -> tuple[NDArray[np.generic], float, bool, bool, dict[str, Any]]:
+        """Hold an action for some steps of 50 ms; see the class.
+
+        Raises:
+            SpikelaneError: Not an action, or the episode is over.
+        """
+        wheels = self._wheels(action)
+        for _ in range(self._task.steps_per_action):
+            self._last = self._simulator.step(wheels)
+            self._state_image.add(self._last.events)
+            if _lane(self._last).terminated:
+                break
+        assert self._last is not None
+        self._actions_taken += 1
+        lane = _lane(self._last)
+        info = self._info(lane)
+        terms = {'lane_centre': self.lane_centre_reward(lane.distance_m)}
+        info['reward_terms'] = terms
+        is_lost = lane.reason == TERMINATED_LANE_LOST
+        is_truncated = self._actions_taken >= self._task.max_actions
+        is_truncated = is_truncated or (lane.terminated and not is_lost)
+        return self._observation(), sum(terms.values()), is_lost, is_truncated, info
+
+    def lane_centre_reward(self, distance_m: float) -> float:
+        """Return the normal density of the lane distance [m] (paper section 3.3)."""
+        sigma = self._task.reward_sigma_m
+        return math.exp(-((distance_m / sigma) ** 2) / 2) / (sigma * math.sqrt(2 * math.pi))
+
+    def render(self) -> NDArray[np.uint8]:
+        """Return the events of the last step, ON blue and OFF red on black, (H, W, 3)."""
+        camera = self._simulator.parameters.camera
+        image = np.zeros((camera.height, camera.width, 3), np.uint8)
+        if self._last is not None:
+            events = self._last.events
+            image[events['y'], events['x']] = np.where(
+                events['polarity'][:, None] > 0, (0, 64, 255), (255, 64, 0)
+            )
+        return image
+
+    def close(self) -> None:
+        """Release the physics engine."""
+        self._simulator.close()
+
+    def _wheels(self, action: Any) -> WheelVelocities:
+        if not self.action_space.contains(action):
+            raise SpikelaneError(f'action: expected one of {self.action_space}, got {action!r}')
+        if not self._is_discrete:
+            return WheelVelocities(*np.asarray(action, float).tolist())
+        turn = _TURNS[int(action)] * self._task.turn_rad_s
+        return WheelVelocities(self._task.drive_rad_s + turn, self._task.drive_rad_s - turn)
+
+    def _observation(self) -> NDArray[np.generic]:
+        if self._is_image:
+            return self._state_image.binary
+        assert self._last is not None
+        return count_events(self._last.events, self._cells)
+
+    def _info(self, lane: LaneState) -> dict[str, Any]:
+        return {'lane_state': lane, 'is_success': not lane.terminated}
+
+    def _make_observation_space(self) -> spaces.Box:
+        if self._is_image:
+            image = self._state_image.parameters
+            return spaces.Box(0, 1, (image.rows, image.columns), np.uint8)
+        cells = self._cells
+        # Only a pixel model that gives several events per pixel and step can exceed cell ** 2.
+        most = cells.cell**2 if self._simulator.parameters.pixels.model == 'coppelia' else 2**31
+        return spaces.Box(0, most, (cells.rows, cells.columns), np.int64)
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        if self._is_discrete:
+            return spaces.Discrete(len(_TURNS))
+        limit = self._simulator.parameters.robot.max_wheel_velocity_rad_s
+        return spaces.Box(-limit, limit, (2,), np.float32)
+
+
+def register() -> None:
+    """Register the environment; Gymnasium calls this through the package's entry point."""
+    if ENV_ID not in gymnasium.registry:
+        gymnasium.register(ENV_ID, entry_point='spikelane_sim.env:LaneKeepingEnv')
+
+
+def _lane(observation: Observation) -> LaneState:
+    assert observation.lane is not None  # the simulator always knows it
+    return observation.lane
+
+
+def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise SpikelaneError(f'{name}: expected {" or ".join(allowed)}, got {value!r}')
+
+
+register()
