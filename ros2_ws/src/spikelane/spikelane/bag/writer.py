@@ -209,6 +209,8 @@ class BagWriter:
                 bag is closed, or a time is negative.
         """
         self._check_open()
+        if self._max_file_bytes and self._files[-1].size >= self._max_file_bytes:
+            self._split(log_time_ns)
         file = self._files[-1]
         try:
             file.add_message(topic_id, log_time_ns, publish_time_ns, data)
@@ -220,8 +222,6 @@ class BagWriter:
             topic.keep_latched(publish_time_ns, data)
         if file.pending_size >= self._chunk_bytes:
             self._end_chunk()
-            if self._max_file_bytes and file.size >= self._max_file_bytes:
-                self._split(log_time_ns)
 
     def flush(self) -> None:
         """Bring everything written so far into the files, where a kill cannot undo it.
@@ -282,6 +282,7 @@ class BagWriter:
             self._reserve.hold(self._files[-1].summary_size + len(self._metadata_text()) * 3)
 
     def _split(self, log_time_ns: int) -> None:
+        self._end_chunk()
         with self._stopping_on_failure():
             self._close_file()
             self._begin_file()

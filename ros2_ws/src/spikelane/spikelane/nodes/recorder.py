@@ -1,8 +1,8 @@
 """Node `recorder`: records topics to a bag as `ros2 bag record` does, and loses nothing doing so.
 
 Messages are not handed over one by one by an executor, which would cost ten times as much as
-recording them: every 20 ms the recorder takes all that has arrived, and the middleware's own
-time of reception becomes the log time. An executor serves only the parameters.
+recording them: 20 times a second the recorder takes all that has arrived, and the middleware's
+own time of reception becomes the log time. An executor serves only the parameters.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
 
-_TAKE_PERIOD_S = 0.02
+_TAKE_PERIOD_S = 0.05
 _DISCOVERY_PERIOD_S = 0.05
 _SERVICE_PERIOD_S = 0.5
 _CHECK_PERIOD_S = 1.0
