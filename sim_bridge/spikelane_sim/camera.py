@@ -1,0 +1,213 @@
+"""The event camera's optics: a pinhole camera fixed to the robot that sees the ground.
+
+Image coordinates are continuous: pixel (column, row) covers [column, column + 1) times
+[row, row + 1) and its centre is at + 0.5; row 0 is the top; the principal point of an image of
+width W is at W / 2. So does OpenGL count; who counts from the centre of the first pixel, as OpenCV
+does, subtracts 0.5.
+
+An image is drawn exactly: without anti-aliasing every pixel has the intensity of the ground where
+the ray through its centre meets it. With it, a pixel is the average along four lines across it,
+on the shipped courses within 0.001, on average, of what 16 x 16 rays per pixel give.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spikelane_sim import raster
+from spikelane_sim.course import Course
+from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.parameters import parameter, Parameters
+
+#: Scanlines per row of pixels with anti-aliasing.
+ANTIALIAS_ROWS = 4
+
+_PAPER = "Paper section 3.1 (DVS128); the authors' scene"
+_SCENE = "The authors' scene"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraParameters(Parameters):
+    """The camera and where it sits on the robot."""
+
+    width: int = parameter(
+        128, 'Columns of the sensor.', unit='px', low=1, high=2048, source=_PAPER
+    )
+    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1, high=2048, source=_PAPER)
+    fov_deg: float = parameter(
+        100.0,
+        'Full horizontal angle of view; pixels are square.',
+        unit='deg',
+        low=1.0,
+        high=170.0,
+        source=_SCENE,
+    )
+    pitch_deg: float = parameter(
+        30.0,
+        'Angle of the optical axis below the horizontal.',
+        unit='deg',
+        low=-90.0,
+        high=90.0,
+        source=_SCENE,
+    )
+    x_m: float = parameter(
+        0.2329,
+        'Place of the camera in base_link, forward.',
+        unit='m',
+        low=-10.0,
+        high=10.0,
+        source=_SCENE,
+    )
+    y_m: float = parameter(
+        0.008,
+        'Place of the camera in base_link, to the left.',
+        unit='m',
+        low=-10.0,
+        high=10.0,
+        source=_SCENE,
+    )
+    z_m: float = parameter(
+        0.1170,
+        'Place of the camera in base_link, up.',
+        unit='m',
+        low=-10.0,
+        high=10.0,
+        source=_SCENE,
+    )
+    near_m: float = parameter(
+        0.05,
+        'Depth along the optical axis from which on the ground is seen.',
+        unit='m',
+        low=0.001,
+        high=100.0,
+        source=_SCENE,
+    )
+    far_m: float = parameter(
+        2.0,
+        'Depth along the optical axis up to which the ground is seen.',
+        unit='m',
+        low=0.001,
+        high=1000.0,
+        source=_SCENE,
+    )
+    background_intensity: float = parameter(
+        0.0, 'Linear intensity above the horizon and beyond far_m.', low=0.0, high=1.0
+    )
+    antialias: bool = parameter(
+        False,
+        'Whether a pixel is the average over its area, not the ground at its centre.',
+        source=_SCENE,
+    )
+
+    def _check_relations(self) -> None:
+        if not self.near_m < self.far_m:
+            raise ParameterError(
+                f'near_m: expected less than far_m ({self.far_m:g} m), got {self.near_m:g}'
+            )
+
+
+class Intrinsics(NamedTuple):
+    """Projection of the camera: u = fx x / z + cx, v = fy y / z + cy."""
+
+    fx: float  # [px]
+    fy: float  # [px]
+    cx: float  # [px], half the width, see the module's docstring
+    cy: float  # [px]
+
+
+class Mounting(NamedTuple):
+    """A frame's place in base_link."""
+
+    translation: tuple[float, float, float]  # x, y, z [m]
+    orientation: tuple[float, float, float, float]  # quaternion x, y, z, w
+
+
+class Camera:
+    """Renders what the camera sees of a course."""
+
+    def __init__(self, parameters: CameraParameters, course: Course) -> None:
+        """Point the camera at the ground of a course."""
+        self.parameters = parameters
+        self._ground = course.ground
+        self._n_rows = ANTIALIAS_ROWS if parameters.antialias else 1
+        self._lens = self._make_lens()
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Focal lengths and principal point, for camera_info."""
+        p = self.parameters
+        focal = p.width / 2 / math.tan(math.radians(p.fov_deg) / 2)
+        return Intrinsics(focal, focal, p.width / 2, p.height / 2)
+
+    @property
+    def optical_frame(self) -> Mounting:
+        """Place of event_camera_optical_frame: z forward, x right, y down in the image."""
+        p = self.parameters
+        # Turning from forward-left-up to right-down-forward, then by the pitch about left.
+        half = math.radians(p.pitch_deg) / 2
+        sine, cosine = math.sin(half) / 2, math.cos(half) / 2
+        orientation = (-cosine - sine, cosine + sine, sine - cosine, cosine - sine)
+        return Mounting((p.x_m, p.y_m, p.z_m), orientation)
+
+    def render(
+        self, pose: ArrayLike, out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """Return the image of the ground.
+
+        Args:
+            pose: Of the body: x, y, z [m] and quaternion x, y, z, w, (7,).
+            out: Image to draw into, (H, W); a new one where there is none.
+
+        Returns:
+            Linear intensities from 0 to 1, (H, W), row 0 at the top.
+
+        Raises:
+            SpikelaneError: The pose is not finite, or an array has another shape.
+        """
+        p = self.parameters
+        pose = np.ascontiguousarray(pose, np.float64)
+        if out is None:
+            out = np.empty((p.height, p.width), np.float32)
+        if pose.shape != (7,) or out.shape != (p.height, p.width):
+            self._refuse(pose, out)
+        if not raster.render(*self._ground, self._lens, pose, self._n_rows, out):
+            self._refuse(pose, out)
+        return out
+
+    def render_many(
+        self, poses: ArrayLike, out: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """Return the images from n poses (n, 7), as `render` would, (n, H, W)."""
+        p = self.parameters
+        poses = np.ascontiguousarray(poses, np.float64)
+        shape = (len(poses), p.height, p.width)
+        if out is None:
+            out = np.empty(shape, np.float32)
+        if poses.shape != (len(poses), 7) or out.shape != shape:
+            self._refuse(poses, out)
+        if not raster.render_many(*self._ground, self._lens, poses, self._n_rows, out):
+            self._refuse(poses, out)
+        return out
+
+    def _refuse(self, pose: NDArray[np.float64], out: NDArray[np.float32]) -> NoReturn:
+        p = self.parameters
+        raise SpikelaneError(
+            f'camera: expected finite poses of 7 numbers and images of {p.height} x {p.width}, '
+            f'got poses {pose.tolist()!r:.200} and images of shape {out.shape}'
+        )
+
+    def _make_lens(self) -> NDArray[np.float64]:
+        p = self.parameters
+        pitch = math.radians(p.pitch_deg)
+        lens = np.empty(raster.N_LENS)
+        lens[raster.FX : raster.CY + 1] = self.intrinsics
+        lens[raster.NEAR], lens[raster.FAR] = p.near_m, p.far_m
+        lens[raster.PLACE : raster.PLACE + 3] = p.x_m, p.y_m, p.z_m
+        lens[raster.PITCH_SIN], lens[raster.PITCH_COS] = math.sin(pitch), math.cos(pitch)
+        lens[raster.BACKGROUND] = p.background_intensity
+        return lens

@@ -1,0 +1,318 @@
+"""Kernels that draw the ground's markings into an image, scanline by scanline.
+
+Ray casting turned round: along one image row the rays of a pinhole camera meet the ground in a
+straight line, on which a piece of marking (`ground.py`) covers an interval whose ends follow in
+closed form. Image and ground are tied by homogeneous coordinates (X, Y, W), each linear in the
+image coordinates u, v: the ray through (u, v) meets the ground at (X / W, Y / W), and 1 / W is the
+depth of that point along the optical axis. Hence a half-plane of the ground becomes a half-plane
+of the image, and a circle a conic.
+
+Without anti-aliasing a pixel has the intensity at its centre, exactly. With it, a pixel is the
+average over `n_rows` scanlines within the pixel's row, along each of which the covered length is
+exact.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.ground import ARC, AROUND, CORNERS, HALF_PLANES, IS_ARC, N_CORNERS
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+# The lens: focal lengths and principal point [px]; clipping depths [m]; place in the body frame
+# [m]; sine and cosine of the pitch; intensity of the background.
+FX, FY, CX, CY, NEAR, FAR, PLACE, PITCH_SIN, PITCH_COS, BACKGROUND = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
+N_LENS = 12
+
+# A view: rows are the camera's axes (right, down, forward) and its place in the world.
+RIGHT, DOWN, FORWARD, EYE = range(4)
+
+# A homography: rows are the coefficients of X, Y and W for u, v and 1.
+_X, _Y, _W = range(3)
+
+
+class _Scan(NamedTuple):
+    """What bounds the interval that a piece covers on a scanline, as a function of v.
+
+    Attributes:
+        lower: The interval begins at or after slope * v + intercept, (6, 2).
+        upper: The interval ends at or before slope * v + intercept, (6, 2).
+        n: How many of the lower and upper bounds count, (2,).
+        conic: X, Y relative to the circles' centre, and W, as in a homography, (3, 3).
+        squared: Squares of the inner and outer radius [m^2], both 0 on a straight, (2,).
+    """
+
+    lower: Array
+    upper: Array
+    n: NDArray[np.int64]
+    conic: Array
+    squared: Array
+
+
+@numba.njit(cache=True, error_model='numpy')
+def render(
+    pieces: Array,
+    floor: float,
+    marking: float,
+    lens: Array,
+    pose: Array,
+    n_rows: int,
+    image: Image,
+) -> bool:
+    """Draw what the camera sees; return False, and draw nothing, for a pose that is not finite.
+
+    Args:
+        pieces: Markings, see `ground.py`.
+        floor: Intensity of the floor.
+        marking: Intensity of the markings.
+        lens: The camera, see above, (12,).
+        pose: Of the body: x, y, z [m], quaternion x, y, z, w, (7,).
+        n_rows: Scanlines per row of pixels; 1 for no anti-aliasing.
+        image: Is overwritten, (H, W).
+    """
+    background = lens[BACKGROUND]
+    image[:] = background
+    view = _view_from(lens, pose)
+    if not np.isfinite(np.sum(view)):
+        return False
+    if view[EYE, 2] <= 0.0:
+        return True  # below the floor
+    ground = _homography(lens, view)
+    scan = _Scan(
+        np.empty((6, 2)), np.empty((6, 2)), np.empty(2, np.int64), np.empty((3, 3)), np.zeros(2)
+    )
+    if floor != background:
+        _clip_depth(scan, ground, lens)
+        _draw(scan, 0, image.shape[0], n_rows, floor, background, image)
+    for i in range(pieces.shape[0]):
+        first, last = _rows_of(pieces[i], view, lens, image.shape[0], image.shape[1])
+        if first < last:
+            _clip_depth(scan, ground, lens)
+            _clip_piece(scan, ground, pieces[i])
+            _draw(scan, first, last, n_rows, marking, floor, image)
+    if n_rows > 1:
+        _limit(image, min(background, floor, marking), max(background, floor, marking))
+    return True
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _view_from(lens: Array, pose: Array) -> Array:
+    """Return the camera's axes and place in the world, (4, 3)."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    two = 2.0 / (x * x + y * y + z * z + w * w)
+    ahead = (1.0 - two * (y * y + z * z), two * (x * y + z * w), two * (x * z - y * w))
+    left = (two * (x * y - z * w), 1.0 - two * (x * x + z * z), two * (y * z + x * w))
+    up = (two * (x * z + y * w), two * (y * z - x * w), 1.0 - two * (x * x + y * y))
+    view = np.empty((4, 3))
+    for i in range(3):
+        view[RIGHT, i] = -left[i]
+        view[DOWN, i] = -lens[PITCH_SIN] * ahead[i] - lens[PITCH_COS] * up[i]
+        view[FORWARD, i] = lens[PITCH_COS] * ahead[i] - lens[PITCH_SIN] * up[i]
+        view[EYE, i] = (
+            pose[i] + lens[PLACE] * ahead[i] + lens[PLACE + 1] * left[i] + lens[PLACE + 2] * up[i]
+        )
+    return view
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _homography(lens: Array, view: Array) -> Array:
+    """Return the coefficients of X, Y, W for u, v and 1, (3, 3)."""
+    ground = np.empty((3, 3))
+    for i in range(3):
+        u, v = view[RIGHT, i] / lens[FX], view[DOWN, i] / lens[FY]
+        ground[i, 0], ground[i, 1] = u, v
+        ground[i, 2] = view[FORWARD, i] - lens[CX] * u - lens[CY] * v
+    # The ray's height over the floor falls from that of the eye to 0 at depth 1 / W.
+    for j in range(3):
+        ground[_W, j] /= -view[EYE, 2]
+        ground[_X, j] += view[EYE, 0] * ground[_W, j]
+        ground[_Y, j] += view[EYE, 1] * ground[_W, j]
+    return ground
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> tuple[int, int]:
+    """Return the range of rows that a piece can be seen in, empty where it is out of sight."""
+    forward = view[FORWARD]
+    depth = -forward[2] * view[EYE, 2]
+    for i in range(2):
+        depth += forward[i] * (piece[AROUND + i] - view[EYE, i])
+    if depth - piece[AROUND + 2] > lens[FAR] or depth + piece[AROUND + 2] < lens[NEAR]:
+        return 0, 0
+    near, far, left, right = True, True, True, True
+    top, bottom, straddles = np.inf, -np.inf, False
+    for i in range(CORNERS, CORNERS + 2 * N_CORNERS, 2):
+        dx, dy, dz = piece[i] - view[EYE, 0], piece[i + 1] - view[EYE, 1], -view[EYE, 2]
+        depth = dx * forward[0] + dy * forward[1] + dz * forward[2]
+        u = dx * view[RIGHT, 0] + dy * view[RIGHT, 1] + dz * view[RIGHT, 2]
+        u = lens[FX] * u + lens[CX] * depth
+        v = dx * view[DOWN, 0] + dy * view[DOWN, 1] + dz * view[DOWN, 2]
+        v = lens[FY] * v + lens[CY] * depth
+        near &= depth < lens[NEAR]
+        far &= depth > lens[FAR]
+        left &= u < 0.0
+        right &= u > width * depth
+        if depth < lens[NEAR]:
+            straddles = True
+        else:
+            top, bottom = min(top, v / depth), max(bottom, v / depth)
+    if near or far or left or right:
+        return 0, 0
+    if straddles:
+        return 0, height
+    # One row more on either side takes care of rounding.
+    return int(min(max(top - 1.0, 0.0), height)), int(max(min(bottom + 2.0, height), 0.0))
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _clip_depth(scan: _Scan, ground: Array, lens: Array) -> None:
+    """Begin a scan: what is between the clipping planes."""
+    scan.n[:] = 0
+    scan.squared[:] = 0.0
+    w = ground[_W]
+    _bound(scan, w[0], w[1], w[2] - 1.0 / lens[FAR])
+    _bound(scan, -w[0], -w[1], 1.0 / lens[NEAR] - w[2])
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _bound(scan: _Scan, a: float, b: float, c: float) -> None:
+    """Bound the scan by a u + b v + c >= 0."""
+    if a == 0.0:
+        a = 1e-300  # all of a scanline or nothing: a bound beyond any image
+    which = 0 if a > 0.0 else 1
+    bounds = scan.lower if a > 0.0 else scan.upper
+    bounds[scan.n[which], 0] = -b / a
+    bounds[scan.n[which], 1] = -c / a
+    scan.n[which] += 1
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _clip_piece(scan: _Scan, ground: Array, piece: Array) -> None:
+    """Bound the scan by the edges of a piece."""
+    is_arc = piece[IS_ARC] != 0.0
+    for i in range(HALF_PLANES, ARC if is_arc else CORNERS, 3):
+        a, b, c = piece[i], piece[i + 1], piece[i + 2]
+        _bound(
+            scan,
+            a * ground[_X, 0] + b * ground[_Y, 0] + c * ground[_W, 0],
+            a * ground[_X, 1] + b * ground[_Y, 1] + c * ground[_W, 1],
+            a * ground[_X, 2] + b * ground[_Y, 2] + c * ground[_W, 2],
+        )
+    if is_arc:
+        for j in range(3):
+            scan.conic[_X, j] = ground[_X, j] - piece[ARC] * ground[_W, j]
+            scan.conic[_Y, j] = ground[_Y, j] - piece[ARC + 1] * ground[_W, j]
+            scan.conic[_W, j] = ground[_W, j]
+        scan.squared[0] = piece[ARC + 2] ** 2
+        scan.squared[1] = piece[ARC + 3] ** 2
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _draw(
+    scan: _Scan, first: int, last: int, n_rows: int, inside: float, outside: float, image: Image
+) -> None:
+    """Draw a scan into rows first to last of the image, over what is `outside` so far."""
+    width = float(image.shape[1])
+    for row in range(first, last):
+        for k in range(n_rows):
+            v = row + (k + 0.5) / n_rows
+            begin, end = _between_bounds(scan, v, width)
+            if not begin < end:
+                continue
+            if scan.squared[1] == 0.0:
+                _fill(image[row], begin, end, n_rows, inside, outside)
+                continue
+            low, high = _within_circle(scan, v, scan.squared[1])
+            begin, end = max(begin, low), min(end, high)
+            low, high = _within_circle(scan, v, scan.squared[0])
+            _fill(image[row], begin, min(end, low), n_rows, inside, outside)
+            _fill(image[row], max(begin, high, low), end, n_rows, inside, outside)
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _between_bounds(scan: _Scan, v: float, width: float) -> tuple[float, float]:
+    """Return the interval of u between the straight bounds at height v."""
+    begin, end = 0.0, width
+    for i in range(scan.n[0]):
+        begin = max(begin, scan.lower[i, 0] * v + scan.lower[i, 1])
+    for i in range(scan.n[1]):
+        end = min(end, scan.upper[i, 0] * v + scan.upper[i, 1])
+    return begin, end
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _within_circle(scan: _Scan, v: float, squared: float) -> tuple[float, float]:
+    """Return the interval of u where X^2 + Y^2 <= squared W^2 in front of the camera.
+
+    Where there is none it is (inf, inf): everything is before it.
+    """
+    x, y, w = scan.conic[_X], scan.conic[_Y], scan.conic[_W]
+    x_0, y_0, w_0 = x[1] * v + x[2], y[1] * v + y[2], w[1] * v + w[2]
+    a = x[0] * x[0] + y[0] * y[0] - squared * w[0] * w[0]
+    b = x[0] * x_0 + y[0] * y_0 - squared * w[0] * w_0
+    c = x_0 * x_0 + y_0 * y_0 - squared * w_0 * w_0
+    discriminant = b * b - a * c
+    if not discriminant > 0.0:
+        return np.inf, np.inf
+    q = -(b + math.copysign(math.sqrt(discriminant), b))
+    u_1, u_2 = q / a, c / q
+    low, high = min(u_1, u_2), max(u_1, u_2)
+    if a > 0.0:
+        return low, high
+    # The scanline meets the horizon outside the circle, between its two roots.
+    return (high, np.inf) if w[0] > 0.0 else (-np.inf, low)
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _fill(
+    row: Image, begin: float, end: float, n_rows: int, inside: float, outside: float
+) -> None:
+    """Paint from begin to end [px]: centres of pixels, or by the length covered."""
+    if not begin < end:
+        return
+    if n_rows == 1:
+        for i in range(math.ceil(begin - 0.5), math.ceil(end - 0.5)):
+            row[i] = inside
+        return
+    weight = (inside - outside) / n_rows
+    first, last = int(begin), int(end)
+    if first == last:
+        row[first] += weight * (end - begin)
+        return
+    row[first] += weight * (first + 1 - begin)
+    for i in range(first + 1, last):
+        row[i] += weight
+    if last < row.shape[0]:
+        row[last] += weight * (end - last)
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _limit(image: Image, low: float, high: float) -> None:
+    """Take back what markings that overlap added twice, and rounding."""
+    for i in range(image.shape[0]):
+        for j in range(image.shape[1]):
+            image[i, j] = min(max(image[i, j], low), high)
+
+
+@numba.njit(cache=True, error_model='numpy')
+def render_many(
+    pieces: Array,
+    floor: float,
+    marking: float,
+    lens: Array,
+    poses: Array,
+    n_rows: int,
+    images: NDArray[np.float32],
+) -> bool:
+    """Do what `render` does for each of n poses (n, 7), into images (n, H, W)."""
+    finite = True
+    for i in range(poses.shape[0]):
+        finite &= render(pieces, floor, marking, lens, poses[i], n_rows, images[i])
+    return finite
