@@ -2,15 +2,31 @@
 
 pybullet needs some care, found by measurement:
 
-- A friction that is set in one call of changeDynamics with other properties is dropped without a
-  word (bulletphysics/bullet3 issue 3314), so each call sets one property. A caster that keeps its
-  default friction of 0.5 makes the robot turn 1 to 80 % slow.
+- A friction that is set in one call of changeDynamics with other properties can be dropped
+  without a word (bulletphysics/bullet3 issue 3314), so each call sets one property. A caster
+  that keeps its default friction makes the robot turn up to 80 % slow.
 - Motor impulses are limited to force times `fixedTimeStep`, in every sub-step, so the force is
-  divided by the number of sub-steps. The trajectory then has the same bits however many
-  sub-steps one call of stepSimulation takes.
+  divided by the number of sub-steps. The trajectory is then the same, but for rounding, however
+  many sub-steps one call of stepSimulation takes.
 - The drive and the grip of a wheel work against each other in the solver, which takes the longer
   to converge the lighter the wheel. With the geared rotor's inertia, which the real robot has
   too, it needs 20 to 30 iterations instead of more than 50.
+
+How far it agrees with the ideal differential drive of `kinematic.py`, once the commanded
+velocities are reached (first rows: the paper's range, last row: 12.3 and 0 rad/s):
+
+    =========================================  ==========  ============
+    wheels                                     speed       turning rate
+    =========================================  ==========  ============
+    0.5 to 2.5 rad/s, differing by up to 1     to 0.01 %   to 0.003 %
+    turning on the spot                        -           to 0.005 %
+    up to 12.3 rad/s, straight                 to 0.001 %  -
+    up to 12.3 rad/s, one wheel standing       to 0.4 %    to 0.001 %
+    =========================================  ==========  ============
+
+What is left is the solver's residual: sideways slip that grows with the centripetal force, up to
+5 mm/s. Reaching a velocity takes 55 ms per rad/s. Laps of the paper's course take equally
+many steps to 0.02 %. The body tilts by less than 0.0002 degrees, so the camera does not shake.
 """
 
 from __future__ import annotations
