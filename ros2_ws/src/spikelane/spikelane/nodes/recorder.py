@@ -34,7 +34,7 @@ from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
 
 _TAKE_PERIOD_S = 0.05
 _DISCOVERY_PERIOD_S = 0.05
-_SERVICE_PERIOD_S = 0.5
+_SERVICE_PERIOD_S = 0.2
 _CHECK_PERIOD_S = 1.0
 _CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
 

@@ -1,0 +1,333 @@
+"""Node `recorder`: real processes, stopped, killed and starved."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import KeyValue
+import pytest
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64, String, UInt8MultiArray
+
+from spikelane.bag.reader import BagReader
+from spikelane.bench.recorder import measure_recorder
+
+pytestmark = pytest.mark.ros
+
+DOMAIN = 44
+DEADLINE_S = 30.0
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Graph:
+    """A node that publishes, and the recorder process that it is to be recorded by."""
+
+    def __init__(self, folder: Path) -> None:
+        self.bag = folder / 'bag'
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node('publisher', context=self.context)
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def publisher(self, message_type: type, topic: str, qos: QoSProfile | int = 10):
+        """Offer a topic."""
+        return self.node.create_publisher(message_type, topic, qos)
+
+    def record(
+        self,
+        parameters: dict[str, str] | None = None,
+        file_limit: int | None = None,
+        parameter_file: Path | None = None,
+        **variables: str,
+    ) -> subprocess.Popen[str]:
+        """Start a recorder, with environment variables and a bound on its files' size [bytes]."""
+        command = [sys.executable, '-m', 'spikelane.nodes.recorder', '--ros-args']
+        if parameter_file is not None:
+            command += ['--params-file', str(parameter_file)]
+        for name, value in {'output': str(self.bag), **(parameters or {})}.items():
+            command += ['-p', f'{name}:={value}']
+
+        def limit() -> None:
+            if file_limit is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+
+        environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(DOMAIN),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            **variables,
+        }
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=limit,
+        )
+        self.processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """End what a failed test has left."""
+        for process in self.processes:
+            if process.poll() is None:
+                process.kill()
+            process.communicate()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture
+def graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
+    """Give a graph in a domain of its own."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    graph = Graph(tmp_path)
+    yield graph
+    graph.close()
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    """Wait for a condition, at most until the deadline."""
+    deadline = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline, 'the deadline has passed'
+        time.sleep(0.01)
+
+
+def publish(publisher, values: range) -> None:
+    """Publish numbers once the recorder has subscribed, no faster than a queue of 10 bears."""
+    wait_until(publisher.get_subscription_count)
+    for value in values:
+        publisher.publish(Float64(data=float(value)))
+        time.sleep(0.001)
+    assert publisher.wait_for_all_acked()
+
+
+def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[int, str]:
+    """Send a signal; return exit status and what was printed."""
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    return process.returncode, errors
+
+
+def decoded(bag: Path, topic: str) -> list[object]:
+    """Return the contents of a topic as rosbags decodes them, its hash checked."""
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [
+            reader.deserialize(raw, connection.msgtype).data
+            for connection, _, raw in reader.messages(connections)
+        ]
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_finishes_the_bag(graph: Graph, number: int) -> None:
+    """Exit status 0, nothing lost, no traceback, and rosbags opens it."""
+    publisher = graph.publisher(Float64, 'lane/distance')
+    process = graph.record({'custom_data': '["seed=7"]'})
+    before_ns = time.time_ns()
+    publish(publisher, range(50))
+    status, errors = stop(process, number)
+    assert status == 0
+    assert 'Traceback' not in errors
+    assert 'topics; new: /lane/distance' in errors
+    assert f'to {graph.bag}, 0 lost' in errors
+    assert decoded(graph.bag, '/lane/distance') == list(range(50))
+    reader = BagReader(graph.bag)
+    times = [(m.publish_time_ns, m.log_time_ns) for m in reader.messages(['/lane/distance'])]
+    assert all(before_ns < sent <= got < time.time_ns() for sent, got in times)
+    assert reader.damage == []
+    assert reader.custom_data == {'seed': '7'}
+    assert reader.topics['/lane/distance'].schema_text.endswith('float64 data\n')
+
+
+def test_a_second_signal_is_harmless(graph: Graph) -> None:
+    """An impatient user, or a launcher that signals the group after the process."""
+    publisher = graph.publisher(Float64, 'x')
+    process = graph.record()
+    publish(publisher, range(5))
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)
+    status, errors = stop(process)
+    assert status == 0
+    assert 'Traceback' not in errors
+    assert decoded(graph.bag, '/x') == list(range(5))
+
+
+def test_a_killed_recorder_leaves_what_was_flushed(graph: Graph) -> None:
+    """At least all that came more than a second before."""
+    publisher = graph.publisher(Float64, 'x')
+    process = graph.record({'flush_period_s': '0.1'})
+    publish(publisher, range(20))
+    metadata = graph.bag / 'metadata.yaml'
+    wait_until(lambda: len(list(BagReader(graph.bag).messages(['/x']))) == 20)
+    assert 'message_count' in metadata.read_text()
+    process.kill()
+    process.communicate()
+    reader = BagReader(graph.bag)
+    assert len(list(reader.messages(['/x']))) == 20
+    assert 'was cut or never closed' in reader.damage[0]
+    assert sorted(path.name for path in graph.bag.iterdir()) == ['bag_0.mcap', 'metadata.yaml']
+
+
+def test_all_topics_are_recorded_except_hidden_and_excluded_ones(graph: Graph) -> None:
+    """Also one whose publisher comes later."""
+    first = graph.publisher(Float64, 'first')
+    hidden = graph.publisher(Float64, '_hidden')
+    excluded = graph.publisher(Float64, 'excluded')
+    process = graph.record({'exclude': '["/excluded"]'})
+    publish(first, range(3))
+    later = graph.publisher(String, 'later')
+    wait_until(later.get_subscription_count)
+    later.publish(String(data='hello'))
+    assert later.wait_for_all_acked()
+    status, _ = stop(process)
+    assert status == 0
+    assert (hidden.get_subscription_count(), excluded.get_subscription_count()) == (0, 0)
+    counts = Counter(message.topic for message in BagReader(graph.bag).messages())
+    assert (counts['/first'], counts['/later']) == (3, 1)
+    assert not {'/_hidden', '/excluded'} & set(counts)
+    assert decoded(graph.bag, '/later') == ['hello']
+
+
+def test_only_listed_topics_are_recorded(graph: Graph) -> None:
+    """Relative names are resolved; one that never comes is named at the end."""
+    wanted = graph.publisher(Float64, 'wanted')
+    graph.publisher(Float64, 'other')
+    process = graph.record({'topics': '["wanted", "/absent"]'})
+    publish(wanted, range(3))
+    status, errors = stop(process)
+    assert status == 0
+    assert 'never published: /absent' in errors
+    reader = BagReader(graph.bag)
+    assert len(list(reader.messages())) == 3
+    assert set(reader.topics) == {'/wanted'}
+
+
+def test_best_effort_and_latched_offers_are_met(graph: Graph) -> None:
+    """A latched message sent before the recorder started is recorded, with its offer."""
+    latched = graph.publisher(String, 'robot_description', LATCHED)
+    latched.publish(String(data='a robot'))
+    sensor = graph.publisher(
+        Float64, 'sensor', QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    process = graph.record({'topics': '["/robot_description", "/sensor"]'})
+    publish(sensor, range(1))
+    wait_until(latched.get_subscription_count)
+    assert latched.wait_for_all_acked()
+    status, _ = stop(process)
+    assert status == 0
+    assert decoded(graph.bag, '/robot_description') == ['a robot']
+    assert decoded(graph.bag, '/sensor') == [0.0]
+    topics = BagReader(graph.bag)
+    list(topics.messages())
+    offer = topics.topics['/robot_description'].offered_qos_profiles
+    assert 'durability: transient_local' in offer
+    assert 'reliability: best_effort' in topics.topics['/sensor'].offered_qos_profiles
+
+
+def test_a_type_that_is_not_installed_is_left_out_with_one_warning(
+    graph: Graph, tmp_path: Path
+) -> None:
+    """The others are recorded."""
+    hiding = tmp_path / 'hiding'
+    (hiding / 'diagnostic_msgs').mkdir(parents=True)
+    (hiding / 'diagnostic_msgs' / '__init__.py').touch()
+    known = graph.publisher(Float64, 'known')
+    graph.publisher(KeyValue, 'unknown')
+    process = graph.record(
+        {'topics': '["/known", "/unknown"]'},
+        PYTHONPATH=os.pathsep.join([str(hiding), os.environ.get('PYTHONPATH', '')]),
+    )
+    publish(known, range(3))
+    status, errors = stop(process)
+    assert status == 0
+    warning = '/unknown is not recorded: its type diagnostic_msgs/msg/KeyValue is not installed'
+    assert errors.count(warning) == 1
+    assert decoded(graph.bag, '/known') == [0, 1, 2]
+
+
+def test_a_file_that_may_not_grow_stops_the_recording_with_one_error(graph: Graph) -> None:
+    """Exit status 1, one line, and every message of complete chunks is there."""
+    publisher = graph.publisher(UInt8MultiArray, 'noise')
+    process = graph.record({'topics': '["/noise"]', 'chunk_bytes': '20000'}, file_limit=300_000)
+    wait_until(publisher.get_subscription_count)
+    message = UInt8MultiArray(data=random.Random(7).randbytes(5000))
+
+    def is_over() -> bool:
+        publisher.publish(message)
+        return process.poll() is not None
+
+    wait_until(is_over)
+    _, errors = process.communicate()
+    assert process.returncode == 1
+    assert 'Traceback' not in errors
+    assert errors.count('[ERROR]') == 1
+    assert 'recording stopped' in errors
+    assert len(list(BagReader(graph.bag).messages())) >= 40
+
+
+def test_the_shipped_parameter_file_holds_the_defaults(graph: Graph) -> None:
+    """It is accepted, and changes nothing but what the command line says."""
+    file = Path(__file__).parents[2] / 'ros2_ws/src/spikelane/config/recorder.yaml'
+    publisher = graph.publisher(Float64, 'x')
+    process = graph.record(parameter_file=file)
+    publish(publisher, range(3))
+    status, errors = stop(process)
+    assert status == 0
+    assert 'waiting for all topics' in errors
+    assert decoded(graph.bag, '/x') == [0, 1, 2]
+
+
+def test_simulation_time_becomes_the_log_time(graph: Graph) -> None:
+    """Each message has the time of the clock message before it."""
+    clock = graph.publisher(Clock, '/clock')
+    publisher = graph.publisher(Float64, 'x')
+    process = graph.record({'topics': '["/x"]', 'use_sim_time': 'true'})
+    wait_until(publisher.get_subscription_count)
+    # The recorder's own clock and its record of /clock.
+    wait_until(lambda: clock.get_subscription_count() == 2)
+    for step in range(1, 6):
+        clock.publish(Clock(clock=Time(sec=step)))
+        assert clock.wait_for_all_acked()
+        publisher.publish(Float64(data=float(step)))
+        assert publisher.wait_for_all_acked()
+    status, _ = stop(process)
+    assert status == 0
+    times = [message.log_time_ns for message in BagReader(graph.bag).messages()]
+    assert times == [step * 10**9 for step in range(1, 6)]
+
+
+def test_wrong_parameters_are_refused_with_one_line(graph: Graph) -> None:
+    """Exit status 2 and what is allowed."""
+    for parameters, expected in (
+        ({'compression': 'gzip'}, 'expected one of zstd, none'),
+        ({'chunk_bytes': '5'}, 'chunk_bytes'),
+        ({'custom_data': '["seed"]'}, 'expected texts like seed=7'),
+        ({'output': str(graph.bag.parent)}, 'expected a folder that does not exist yet'),
+    ):
+        process = graph.record(parameters)
+        _, errors = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 2
+        assert expected in errors
+        assert 'Traceback' not in errors
+
+
+def test_a_thousand_messages_a_second_arrive_whole() -> None:
+    """Four topics of 250 to 3000 bytes from another process."""
+    result = measure_recorder(1000, 3, domain_id=45)
+    assert result['sent'] == 3000
+    assert result['lost'] == 0
+    assert result['recorded'] == 3000
