@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking import GRID_MS, GRID_STEPS, no_spikes, Spikes
+from spikelane_controllers.spiking import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
 from spikelane_sim.encoding import Counts
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -59,16 +59,14 @@ def poisson_spikes(
     cumulative = rates_hz.cumsum()
     expected = cumulative[-1] * (window * GRID_MS / 1000)
     uniforms = rng.random(rng.poisson(expected))
-    spikes: Spikes = _place(uniforms, cumulative, window, no_spikes())
+    spikes: Spikes = _place(uniforms, cumulative, window)
     return spikes
 
 
 @numba.njit(cache=True)
-def _place(
-    uniforms: NDArray[np.float64], cumulative: NDArray[np.float64], window: int, empty: Spikes
-) -> Spikes:
+def _place(uniforms: NDArray[np.float64], cumulative: NDArray[np.float64], window: int) -> Spikes:
     """Give each uniform number an input, and a grid step by where in the input's share it lies."""
-    spikes = np.empty(len(uniforms), empty.dtype)
+    spikes = np.empty(len(uniforms), SPIKE_DTYPE)
     positions = np.zeros(window + 1, np.int64)  # in the order of grid steps: a counting sort
     for k, uniform in enumerate(uniforms):
         place = uniform * cumulative[-1]

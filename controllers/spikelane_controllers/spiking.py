@@ -242,7 +242,7 @@ def advance(neuron: Any, arriving_pa: float, constants: Any) -> bool:
 @numba.njit(cache=True)
 def merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
     """Return the spikes that a window has to do with, in the order of grid steps; for kernels."""
-    spikes = np.empty(len(in_flight) + len(inputs), in_flight.dtype)
+    spikes = np.empty(len(in_flight) + len(inputs), SPIKE_DTYPE)
     spikes[: len(in_flight)] = in_flight
     spikes[len(in_flight) :] = inputs
     return spikes
@@ -277,7 +277,7 @@ def _run(
             arriving_pa[spike.step + delay, index] += weights_pa[index, spike.source]
         arrived += 1
     most = 1 + (window - 1) // (1 + constants[0].refractory)
-    fired = np.empty(len(neurons) * most, inputs.dtype)
+    fired = np.empty(len(neurons) * most, SPIKE_DTYPE)
     firings = 0
     for step in range(window):
         for index in range(len(neurons)):

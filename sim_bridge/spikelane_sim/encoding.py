@@ -8,6 +8,7 @@ spiking networks see the 8 x 4 cells of one step, the deep Q-network the 32 x 16
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numba
 import numpy as np
@@ -30,12 +31,12 @@ class EncodingParameters(Parameters):
     crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0)
     cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, source='section 4.3')
 
-    @property
+    @functools.cached_property
     def rows(self) -> int:
         """Rows of cells."""
         return (self.height - self.crop_top - self.crop_bottom) // self.cell
 
-    @property
+    @functools.cached_property
     def columns(self) -> int:
         """Columns of cells."""
         return self.width // self.cell
