@@ -98,6 +98,18 @@ class Processes:
                 last = ' | '.join(lines[-_LAST_LINES:]) or 'it said nothing'
                 raise ProcessError(f'{name} ended with status {status}: {last}')
 
+    def wait(self, name: str, timeout_s: float) -> None:
+        """Wait until a child ends by itself.
+
+        Raises:
+            ProcessError: It takes longer, or ends with an error.
+        """
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if self._children[name].wait(timeout_s) == 0:
+                return
+            self.check()
+        raise ProcessError(f'{name}: expected it to end within {timeout_s:g} s, it still runs')
+
     def stop(self, *names: str) -> None:
         """End children, all at once, the gentle way first.
 

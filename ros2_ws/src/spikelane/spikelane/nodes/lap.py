@@ -55,32 +55,57 @@ def drive_lap_over_ros(config: LapConfig, folder: RunFolder, show: Show) -> Driv
     Raises:
         SpikelaneError: A node ended or fell silent, or the recording is not complete.
     """
-    with _own_domain() as domain, Processes() as processes:
-        environment = os.environ | {
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        }
-        parameters = folder.path / 'parameters.yaml'
-        write_yaml(parameters, node_parameters(config, folder))
-        for node in ('recorder', 'simulator', config.controller):
+    wall_time_s = _drive(config, folder, show, is_recorded=True)
+    return DrivenLap(read_trajectory(folder.bag), wall_time_s, folder.bag)
+
+
+def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
+    """Drive without a recorder.
+
+    Returns:
+        The wall time from the first observation to the last [s].
+
+    Raises:
+        SpikelaneError: A node ended or fell silent.
+    """
+    return _drive(config, folder, lambda step, progress_m: None, is_recorded=False)
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[dict[str, str]]:
+    """Reserve a ROS domain that nobody else on this machine uses.
+
+    Yields:
+        The environment variables that keep processes in it.
+    """
+    with domain_id() as domain:
+        yield {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+def _drive(config: LapConfig, folder: RunFolder, show: Show, *, is_recorded: bool) -> float:
+    nodes = ('recorder',) * is_recorded + ('simulator', config.controller)
+    parameters = folder.path / 'parameters.yaml'
+    write_yaml(parameters, node_parameters(config, folder, is_recorded=is_recorded))
+    with own_domain() as environment, Processes() as processes:
+        for node in nodes:
             command = [str(find_executable(node)), '--ros-args', '--params-file', str(parameters)]
-            processes.start(node, command, folder.path / 'logs' / f'{node}.log', environment)
-        with _Supervisor(domain, processes) as supervisor:
+            log = folder.path / 'logs' / f'{node}.log'
+            processes.start(node, command, log, os.environ | environment)
+        with _Supervisor(int(environment['ROS_DOMAIN_ID']), processes) as supervisor:
             wall_time_s = supervisor.drive(config, show)
         # The recorder goes last: what the others sent is on its way to it.
         processes.stop('simulator', config.controller)
-        processes.stop('recorder')
+        processes.stop(*nodes)
         _check_endings(processes)
-    trajectory = read_trajectory(folder.bag)
-    return DrivenLap(trajectory, wall_time_s, folder.bag)
+    return wall_time_s
 
 
-def node_parameters(config: LapConfig, folder: RunFolder) -> dict[str, Any]:
+def node_parameters(config: LapConfig, folder: RunFolder, *, is_recorded: bool) -> dict[str, Any]:
     """Return the parameter file of a lap's nodes.
 
     Simulator and controller wait for each other and the recorder before they publish.
     """
-    both = {'seed': config.seed, 'wait_for_subscribers': 2}
+    both = {'seed': config.seed, 'wait_for_subscribers': 1 + is_recorded}
     simulator = config.simulator.to_dict() | both | {'autostart': False}
     controller = config.controller_parameters.to_dict() | both
     recorder = {
@@ -163,13 +188,6 @@ class _Supervisor:
         for status in message.status:
             if status.name == 'simulator':
                 self._values = {pair.key: pair.value for pair in status.values}
-
-
-@contextlib.contextmanager
-def _own_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other test or lap on this machine uses."""
-    with domain_id() as domain:
-        yield int(domain)
 
 
 def _check_endings(processes: Processes) -> None:
