@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spikelane_sim import curve as curves
 from spikelane_sim.course_check import check_course, refuse
-from spikelane_sim.course_file import CourseRecord, LaneRecord, read_course_file
+from spikelane_sim.course_file import CourseRecord, LaneRecord, Marking, read_course_file
 from spikelane_sim.curve import Curve
 from spikelane_sim.errors import CourseError
 from spikelane_sim.ground import are_painted, Ground, make_ground
@@ -114,6 +114,7 @@ class Course:
         lane_width_m: Width of a lane.
         centre_line: The curve along the road's centre.
         lanes: By name; the first is the default.
+        markings: The painted lines, as the course's file describes them.
         ground: The markings, for renderers.
     """
 
@@ -123,6 +124,7 @@ class Course:
     lane_width_m: float
     centre_line: Curve
     lanes: Mapping[str, Lane]
+    markings: tuple[Marking, ...]
     ground: Ground
 
     def lane(self, name: str) -> Lane:
@@ -261,6 +263,7 @@ def make_course(record: CourseRecord) -> Course:
         lane_width_m=record.lane_width_m,
         centre_line=centre_line,
         lanes=MappingProxyType(lanes),
+        markings=record.markings,
         ground=make_ground(
             centre_line, record.markings, record.floor_intensity, record.marking_intensity
         ),
