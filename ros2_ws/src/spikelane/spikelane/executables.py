@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from spikelane_controllers.registry import CONTROLLERS
 from spikelane_sim.errors import SpikelaneError
 
 #: Node executables and the package that has each.
 EXECUTABLES = {
     'simulator': 'spikelane_sim',
-    'braitenberg': 'spikelane_controllers',
+    **dict.fromkeys(CONTROLLERS, 'spikelane_controllers'),
     'recorder': 'spikelane',
 }
 

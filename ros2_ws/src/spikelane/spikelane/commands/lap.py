@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+import contextlib
 import json
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
@@ -25,6 +28,7 @@ from spikelane_controllers.registry import CONTROLLERS
 from spikelane_sim.errors import ParameterError, SpikelaneError
 
 _SHOWN_EVERY_STEPS = 100
+_EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         type=Path,
         metavar='DIR',
-        help='folder for the results, new or empty (default: runs/lap-..., numbered where it exists)',
+        help='folder for the results, new or empty (default: runs/lap-..., numbered)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
@@ -95,7 +99,8 @@ def run(options: argparse.Namespace) -> int:
         _parameters(options),
     )
     folder = make_folder(config, options.out)
-    driven = _drive(config, folder, _progress(options.json))
+    with _progress(options.json) as show:
+        driven = _drive(config, folder, show)
     result = report_lap(config, driven, folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0 if result['completed'] else 1
@@ -121,7 +126,7 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
         name, equals, value = text.partition('=')
         if not equals:
             raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
-        parameters[name] = yaml.safe_load(value)
+        parameters[name] = _value(name, value)
     flags = {
         'simulator.robot.model': options.robot,
         'simulator.pixels.model': options.pixels,
@@ -130,16 +135,34 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     return parameters | {name: value for name, value in flags.items() if value is not None}
 
 
-def _progress(is_quiet: bool) -> Show:
-    """Return what shows progress to people: on one line of a terminal's standard error."""
+def _value(name: str, text: str) -> Any:
+    """Return what a text means in YAML, where `1e-3` and the like are numbers too."""
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise ParameterError(f'{name}: expected a value as in YAML, got {text!r}') from None
+    # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
+    return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
+
+
+@contextlib.contextmanager
+def _progress(is_quiet: bool) -> Iterator[Show]:
+    """Give what shows progress to people: on one line of a terminal's standard error."""
     if is_quiet or not sys.stderr.isatty():
-        return lambda step, progress_m: None
+        yield lambda step, progress_m: None
+        return
+    due = 0
 
     def show(step: int, progress_m: float) -> None:
-        if step % _SHOWN_EVERY_STEPS == 0 or step < 0:
+        nonlocal due
+        if step >= due:
+            due = step + _SHOWN_EVERY_STEPS
             print(f'\r{step:6d} steps, {progress_m:5.1f} m ', end='', file=sys.stderr)
 
-    return show
+    try:
+        yield show
+    finally:
+        print(file=sys.stderr)
 
 
 def _summary(result: dict[str, Any]) -> str:

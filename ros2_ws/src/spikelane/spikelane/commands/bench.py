@@ -1,0 +1,123 @@
+"""`spikelane bench`: what is promised about speed, each ratio measured in one run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+import json
+import platform
+import sys
+from typing import Any, NamedTuple
+
+from spikelane_sim.errors import SpikelaneError
+
+Result = dict[str, Any]
+
+
+class Benchmark(NamedTuple):
+    """A measurement and what is promised of it."""
+
+    run: Callable[[], Result]
+    figure: str  # key of the result that is promised
+    promise: float
+    is_at_least: bool  # whether more is better
+    unit: str
+
+    def is_kept(self, result: Result) -> bool:
+        """Return whether the promise is kept."""
+        value = result[self.figure]
+        return bool(value >= self.promise if self.is_at_least else value <= self.promise)
+
+
+def _pybullet() -> Result:
+    from spikelane.bench.closed_loop import measure_closed_loop
+
+    return measure_closed_loop('pybullet')
+
+
+def _kinematic() -> Result:
+    from spikelane.bench.closed_loop import measure_closed_loop
+
+    return measure_closed_loop('kinematic')
+
+
+def _renderer() -> Result:
+    from spikelane.bench.renderer import compare_renderers
+
+    return compare_renderers(60)
+
+
+def _lockstep() -> Result:
+    from spikelane.bench.lockstep import measure_lockstep
+
+    return measure_lockstep()
+
+
+def _recorder() -> Result:
+    from spikelane.bench.recorder import measure_recorder
+
+    return measure_recorder()
+
+
+BENCHMARKS: Mapping[str, Benchmark] = {
+    'closed-loop-pybullet': Benchmark(_pybullet, 'steps_per_s', 1500, True, 'steps/s'),
+    'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
+    'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
+    'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
+    'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument(
+        'names',
+        nargs='*',
+        metavar='NAME',
+        help=f'which: {", ".join(BENCHMARKS)} (default: all)',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure.
+
+    Returns:
+        0 where all that was promised is kept, otherwise 1.
+
+    Raises:
+        SpikelaneError: A name is unknown, or a measurement failed.
+    """
+    for name in options.names:
+        if name not in BENCHMARKS:
+            raise SpikelaneError(f'expected {", ".join(BENCHMARKS)}, got {name!r}')
+    results = {}
+    for name in options.names or BENCHMARKS:
+        benchmark = BENCHMARKS[name]
+        print(f'measuring {name} ...', file=sys.stderr)
+        result = benchmark.run()
+        results[name] = {
+            **result,
+            'promised': benchmark.promise,
+            'is_kept': benchmark.is_kept(result),
+        }
+        if not options.json:
+            print(_row(name, benchmark, result))
+    if options.json:
+        print(json.dumps({'machine': _machine(), **results}))
+    return 0 if all(result['is_kept'] for result in results.values()) else 1
+
+
+def _row(name: str, benchmark: Benchmark, result: Result) -> str:
+    bound = 'at least' if benchmark.is_at_least else 'at most'
+    verdict = 'kept' if benchmark.is_kept(result) else 'MISSED'
+    figures = ', '.join(f'{key} {value}' for key, value in result.items())
+    value = result[benchmark.figure]
+    return (
+        f'{name:22} {value:>9,} {benchmark.unit} ({bound} {benchmark.promise:,}: {verdict})\n'
+        f'{"":22} {figures}'
+    )
+
+
+def _machine() -> dict[str, Any]:
+    return {'system': platform.platform(), 'processor': platform.machine(), 'python': sys.version}
