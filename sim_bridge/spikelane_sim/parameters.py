@@ -11,6 +11,8 @@ import dataclasses
 import math
 from typing import Any, get_type_hints, TypeVar
 
+import numpy as np
+
 from spikelane_sim.errors import ParameterError
 
 ParametersT = TypeVar('ParametersT', bound='Parameters')
@@ -84,7 +86,7 @@ class ParameterSpec:
         if self.kind not in (int, float, tuple):
             return True
         return all(
-            math.isfinite(number)
+            (isinstance(number, int) or math.isfinite(number))
             and (self.low is None or number >= self.low)
             and (self.high is None or number <= self.high)
             for number in numbers
@@ -185,6 +187,8 @@ class Parameters:
 
 def _convert(kind: type, value: object) -> Any:
     """Return the value as `kind`, or None where that would lose or invent something."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if kind is tuple:
         if isinstance(value, str) or not hasattr(value, '__iter__'):
             return None
@@ -193,10 +197,15 @@ def _convert(kind: type, value: object) -> Any:
     if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if kind in (int, float) and hasattr(value, 'item'):  # a NumPy scalar
-        return _convert(kind, value.item())
+        return _float(value)
     return None
+
+
+def _float(value: int) -> float | None:
+    try:
+        return float(value)
+    except OverflowError:
+        return None
 
 
 def _own_specs(cls: type) -> Iterator[ParameterSpec]:
