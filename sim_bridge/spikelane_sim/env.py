@@ -181,10 +181,12 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         self._simulator.close()
 
     def _wheels(self, action: Any) -> WheelVelocities:
+        if not self._is_discrete:
+            action = np.asarray(action, np.float32)
         if not self.action_space.contains(action):
             raise SpikelaneError(f'action: expected one of {self.action_space}, got {action!r}')
         if not self._is_discrete:
-            return WheelVelocities(*np.asarray(action, float).tolist())
+            return WheelVelocities(*action.tolist())
         turn = _TURNS[int(action)] * self._task.turn_rad_s
         return WheelVelocities(self._task.drive_rad_s + turn, self._task.drive_rad_s - turn)
 
@@ -195,7 +197,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         return count_events(self._last.events, self._cells)
 
     def _info(self, lane: LaneState) -> dict[str, Any]:
-        return {'lane_state': lane, 'is_success': not lane.terminated}
+        return {'lane_state': lane, 'is_success': lane.reason != TERMINATED_LANE_LOST}
 
     def _make_observation_space(self) -> spaces.Box:
         if self._is_image:
