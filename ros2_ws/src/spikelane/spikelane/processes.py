@@ -13,6 +13,7 @@ import os
 from pathlib import Path
 import signal
 import subprocess
+import time
 from types import TracebackType
 from typing import Literal
 
@@ -68,9 +69,9 @@ class Processes:
         Raises:
             ProcessError: It cannot be started.
         """
-        log.parent.mkdir(parents=True, exist_ok=True)
         parent = os.getpid()
         try:
+            log.parent.mkdir(parents=True, exist_ok=True)
             with log.open('wb') as output:
                 child = subprocess.Popen(
                     command,
@@ -122,9 +123,10 @@ class Processes:
             for child in running:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(child.pid, how)
+            deadline_s = time.monotonic() + patience_s
             for child in running:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(patience_s)
+                    child.wait(max(0.0, deadline_s - time.monotonic()))
 
     def statuses(self) -> dict[str, int | None]:
         """Return each child's exit status, None where it runs."""
