@@ -102,6 +102,8 @@ def make_config(
             expected = ' or '.join(f'{group}.<name>' for group in groups)
             raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
         groups[group][rest] = value
+    if not 0 <= seed < 2**63:
+        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
     simulator = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')
     lanes = load_course(simulator.course)
     return LapConfig(

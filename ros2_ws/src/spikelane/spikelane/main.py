@@ -8,6 +8,7 @@ import importlib
 import signal
 import sys
 from types import FrameType
+from typing import NoReturn
 
 from spikelane_sim.errors import SpikelaneError
 
@@ -29,10 +30,12 @@ def run(arguments: Sequence[str]) -> int:
 
     Returns:
         0 done, 1 failed, 2 wrong use, 128 + n when ended by signal n.
+
+    Raises:
+        SystemExit: Help was asked for (0), or the arguments cannot be understood (2).
     """
     signal.signal(signal.SIGTERM, _raise_terminated)
-    parser = _parser(arguments)
-    options = parser.parse_args(arguments)
+    options = _parser(arguments).parse_args(arguments)
     try:
         return int(options.run(options))
     except SpikelaneError as error:
@@ -53,8 +56,15 @@ def _raise_terminated(number: int, frame: FrameType | None) -> None:
     raise _Terminated
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says in one line what was wrong; the usage is for those who ask for help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: {message}\n')
+
+
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog='spikelane', description='Lane keeping with event cameras and spiking networks.'
     )
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
