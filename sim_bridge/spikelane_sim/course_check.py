@@ -38,7 +38,7 @@ def _check_closed(record: CourseRecord, centre_line: Curve) -> None:
     gap = math.hypot(x - record.start[0], y - record.start[1])
     turn = abs(curves.wrap_angle(heading - record.start[2]))
     if gap > CLOSED_M or turn > CLOSED_RAD:
-        end = f'({x:.7g}, {y:.7g}) m, {math.degrees(heading):.7g} deg'
+        end = f'({x:.6f}, {y:.6f}) m, {math.degrees(heading):.6f} deg'
         refuse(
             record,
             'centre_line',

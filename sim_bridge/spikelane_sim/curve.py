@@ -223,4 +223,16 @@ def closest_approach(curve: Curve, step_m: float) -> tuple[float, float, float]:
         j = int(np.argmin(squared))
         if squared[j] < best[0]:
             best = (float(squared[j]), float(s[i]), float(s[i + 1 + j]))
-    return math.sqrt(best[0]), best[1], best[2]
+    return best if math.isinf(best[0]) else _closest_pair(curve, best[1], best[2], step_m)
+
+
+def _closest_pair(
+    curve: Curve, s_1: float, s_2: float, step_m: float
+) -> tuple[float, float, float]:
+    """Return the closest pair of points within a step of these two, and their distance."""
+    around = np.linspace(-step_m, step_m, 101)
+    one = poses_along(curve, s_1 + around)[:, np.newaxis, :2]
+    two = poses_along(curve, s_2 + around)[np.newaxis, :, :2]
+    distance = np.hypot(*np.moveaxis(one - two, -1, 0))
+    i, j = np.unravel_index(np.argmin(distance), distance.shape)
+    return float(distance[i, j]), s_1 + float(around[i]), s_2 + float(around[j])
