@@ -22,7 +22,8 @@ from spikelane_sim.course_check import check_course, refuse
 from spikelane_sim.course_file import CourseRecord, LaneRecord, Marking, read_course_file
 from spikelane_sim.curve import Curve
 from spikelane_sim.errors import CourseError
-from spikelane_sim.ground import are_painted, Ground, make_ground
+from spikelane_sim.ground import Ground, make_ground
+from spikelane_sim.raster import are_painted
 
 _COURSES = Path(__file__).parent / 'courses'
 

@@ -11,12 +11,17 @@ from collections.abc import Iterable, Iterator
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.course_file import Marking
 from spikelane_sim.curve import CURVATURE, Curve, LENGTH, length_of, pose_on_segment, START
+from spikelane_sim.raster import ARC, AROUND, CORNERS, HALF_PLANES, IS_ARC, N_COLUMNS
+
+__all__ = [
+    *('ARC', 'AROUND', 'CORNERS', 'HALF_PLANES', 'IS_ARC', 'N_COLUMNS'),  # columns of a piece
+    *('Ground', 'make_ground', 'painted_stretches'),
+]
 
 PIECE_M = 1.0
 PIECE_RAD = math.pi / 4
@@ -24,20 +29,12 @@ PIECE_RAD = math.pi / 4
 # Pieces of one line overlap by this, lest rounding leave a crack between them [m].
 _OVERLAP_M = 1e-9
 
-# Columns of a piece: whether it is in a turn; centre and radius of a circle around it [m]; four
-# half-planes a x + b y + c >= 0 with (a, b) a unit vector, the ends' first, then the sides' on a
-# straight; in a turn, instead of the sides, centre x, y, inner and outer radius; and the corners
-# of a convex polygon around it [m].
-IS_ARC, AROUND, HALF_PLANES, ARC, CORNERS = 0, 1, 4, 10, 16
-N_CORNERS = 5
-N_COLUMNS = CORNERS + 2 * N_CORNERS
-
 
 class Ground(NamedTuple):
     """What lies on the ground plane.
 
     Attributes:
-        pieces: The markings' pieces, (n_pieces, 26), see the columns in this module.
+        pieces: The markings' pieces, (n_pieces, 26), with the columns of `raster.py`.
         floor_intensity: Linear intensity of the floor, from 0 to 1.
         marking_intensity: Linear intensity of the markings, from 0 to 1.
     """
@@ -164,33 +161,3 @@ def _corners(
     ahead = np.array([math.cos(poses[0, 2]), math.sin(poses[0, 2])])
     tip = wide[0] + radius * abs(math.tan(half)) * ahead
     return np.array([narrow[0], wide[0], tip, wide[1], narrow[1]])
-
-
-@numba.njit(cache=True, error_model='numpy')
-def are_painted(
-    pieces: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Tell for each of N points whether a marking is there; all arrays are (N,)."""
-    painted = np.zeros(x.shape[0], np.bool_)
-    for i in range(x.shape[0]):
-        for j in range(pieces.shape[0]):
-            if _is_inside(pieces[j], x[i], y[i]):
-                painted[i] = True
-                break
-    return painted
-
-
-@numba.njit(cache=True, error_model='numpy')
-def _is_inside(piece: NDArray[np.float64], x: float, y: float) -> bool:
-    dx, dy = x - piece[AROUND], y - piece[AROUND + 1]
-    if dx * dx + dy * dy > piece[AROUND + 2] * piece[AROUND + 2]:
-        return False
-    n_planes = 2 if piece[IS_ARC] else 4
-    for i in range(HALF_PLANES, HALF_PLANES + 3 * n_planes, 3):
-        if piece[i] * x + piece[i + 1] * y + piece[i + 2] < 0.0:
-            return False
-    if piece[IS_ARC]:
-        dx, dy = x - piece[ARC], y - piece[ARC + 1]
-        squared = dx * dx + dy * dy
-        return bool(piece[ARC + 2] ** 2 <= squared <= piece[ARC + 3] ** 2)
-    return True

@@ -10,6 +10,8 @@ of the image, and a circle a conic.
 Without anti-aliasing a pixel has the intensity at its centre, exactly. With it, a pixel is the
 average over `n_rows` scanlines within the pixel's row, along each of which the covered length is
 exact.
+
+numba keeps compiled kernels until their own file changes, so the layouts they rely on are here.
 """
 
 from __future__ import annotations
@@ -21,10 +23,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.ground import ARC, AROUND, CORNERS, HALF_PLANES, IS_ARC, N_CORNERS
-
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+
+# Columns of a piece: whether it is in a turn; centre and radius of a circle around it [m]; four
+# half-planes a x + b y + c >= 0 with (a, b) a unit vector, the ends' first, then the sides' on a
+# straight; in a turn, instead of the sides, centre x, y, inner and outer radius; and the corners
+# of a convex polygon around it [m].
+IS_ARC, AROUND, HALF_PLANES, ARC, CORNERS = 0, 1, 4, 10, 16
+N_CORNERS = 5
+N_COLUMNS = CORNERS + 2 * N_CORNERS
 
 # The lens: focal lengths and principal point [px]; clipping depths [m]; place in the body frame
 # [m]; sine and cosine of the pitch; intensity of the background.
@@ -69,7 +77,7 @@ def render(
     """Draw what the camera sees; return False, and draw nothing, for a pose that is not finite.
 
     Args:
-        pieces: Markings, see `ground.py`.
+        pieces: Markings, see above, (n_pieces, 26).
         floor: Intensity of the floor.
         marking: Intensity of the markings.
         lens: The camera, see above, (12,).
@@ -303,16 +311,38 @@ def _limit(image: Image, low: float, high: float) -> None:
 
 @numba.njit(cache=True, error_model='numpy')
 def render_many(
-    pieces: Array,
-    floor: float,
-    marking: float,
-    lens: Array,
-    poses: Array,
-    n_rows: int,
-    images: NDArray[np.float32],
+    pieces: Array, floor: float, marking: float, lens: Array, poses: Array, n_rows: int, out: Image
 ) -> bool:
-    """Do what `render` does for each of n poses (n, 7), into images (n, H, W)."""
+    """Do what `render` does for each of n poses (n, 7), into out (n, H, W)."""
     finite = True
     for i in range(poses.shape[0]):
-        finite &= render(pieces, floor, marking, lens, poses[i], n_rows, images[i])
+        finite &= render(pieces, floor, marking, lens, poses[i], n_rows, out[i])
     return finite
+
+
+@numba.njit(cache=True, error_model='numpy')
+def are_painted(pieces: Array, x: Array, y: Array) -> NDArray[np.bool_]:
+    """Tell for each of N points whether a marking is there; all arrays are (N,)."""
+    painted = np.zeros(x.shape[0], np.bool_)
+    for i in range(x.shape[0]):
+        for j in range(pieces.shape[0]):
+            if _is_inside(pieces[j], x[i], y[i]):
+                painted[i] = True
+                break
+    return painted
+
+
+@numba.njit(cache=True, error_model='numpy')
+def _is_inside(piece: Array, x: float, y: float) -> bool:
+    dx, dy = x - piece[AROUND], y - piece[AROUND + 1]
+    if dx * dx + dy * dy > piece[AROUND + 2] * piece[AROUND + 2]:
+        return False
+    n_planes = 2 if piece[IS_ARC] else 4
+    for i in range(HALF_PLANES, HALF_PLANES + 3 * n_planes, 3):
+        if piece[i] * x + piece[i + 1] * y + piece[i + 2] < 0.0:
+            return False
+    if piece[IS_ARC]:
+        dx, dy = x - piece[ARC], y - piece[ARC + 1]
+        squared = dx * dx + dy * dy
+        return bool(piece[ARC + 2] ** 2 <= squared <= piece[ARC + 3] ** 2)
+    return True
