@@ -18,9 +18,16 @@ from spikelane_sim.course_file import Marking
 from spikelane_sim.curve import CURVATURE, Curve, LENGTH, length_of, pose_on_segment, START
 from spikelane_sim.raster import ARC, AROUND, CORNERS, HALF_PLANES, IS_ARC, N_COLUMNS
 
-__all__ = [
-    *('ARC', 'AROUND', 'CORNERS', 'HALF_PLANES', 'IS_ARC', 'N_COLUMNS'),  # columns of a piece
-    *('Ground', 'make_ground', 'painted_stretches'),
+__all__ = [  # the first six are the columns of a piece
+    'ARC',
+    'AROUND',
+    'CORNERS',
+    'HALF_PLANES',
+    'IS_ARC',
+    'N_COLUMNS',
+    'Ground',
+    'make_ground',
+    'painted_stretches',
 ]
 
 PIECE_M = 1.0
