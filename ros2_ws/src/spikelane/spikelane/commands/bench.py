@@ -44,7 +44,9 @@ def _kinematic() -> Result:
 def _renderer() -> Result:
     from spikelane.bench.renderer import compare_renderers
 
-    return compare_renderers(60)
+    result = compare_renderers(60)
+    result['iou_min'] = min(result.pop('iou_per_pose'))
+    return result
 
 
 def _lockstep() -> Result:
@@ -111,12 +113,16 @@ def run(options: argparse.Namespace) -> int:
 def _row(name: str, benchmark: Benchmark, result: Result) -> str:
     bound = 'at least' if benchmark.is_at_least else 'at most'
     verdict = 'kept' if benchmark.is_kept(result) else 'MISSED'
-    figures = ', '.join(f'{key} {value}' for key, value in result.items())
-    value = result[benchmark.figure]
+    figures = ', '.join(f'{key} {_short(value)}' for key, value in result.items())
+    value = _short(result[benchmark.figure])
     return (
-        f'{name:22} {value:>9,} {benchmark.unit} ({bound} {benchmark.promise:,}: {verdict})\n'
+        f'{name:22} {value:>9} {benchmark.unit} ({bound} {benchmark.promise:,}: {verdict})\n'
         f'{"":22} {figures}'
     )
+
+
+def _short(value: object) -> str:
+    return f'{value:,.4g}' if isinstance(value, float) else str(value)
 
 
 def _machine() -> dict[str, Any]:
