@@ -14,7 +14,7 @@ from enum import Enum
 import threading
 from typing import NamedTuple
 
-from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.contract import Observation, RobotState, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.simulator import Simulator
 
@@ -54,7 +54,13 @@ class Stepper:
     """Runs a simulator by the answers that come from outside."""
 
     def __init__(
-        self, simulator: Simulator, publish: Publish, *, seed: int, hold_ns: int | None = None
+        self,
+        simulator: Simulator,
+        publish: Publish,
+        *,
+        seed: int,
+        lane: str | None = None,
+        hold_ns: int | None = None,
     ) -> None:
         """Start in the state STOPPED.
 
@@ -62,12 +68,19 @@ class Stepper:
             simulator: What is stepped.
             publish: Where observations go.
             seed: Of the first sequence of episodes, and of each after a full reset.
+            lane: Of the first episode, and of each after a full reset; None for the course's
+                first.
             hold_ns: How long a command holds [ns of simulation time] in real time; None for
                 lockstep.
+
+        Raises:
+            SpikelaneError: No such lane.
         """
+        if lane is not None:
+            simulator.course.lane(lane)
         self._simulator = simulator
         self._publish = publish
-        self._seed = seed
+        self._seed, self._lane = seed, lane
         self._hold_ns = hold_ns
         self._lock = threading.RLock()
         self._state = RunState.STOPPED
@@ -97,6 +110,18 @@ class Stepper:
         with self._lock:
             return self._hold_ns is None and self._may_step and self._answer is None
 
+    @property
+    def is_unheard(self) -> bool:
+        """Whether an observation is not out yet, since not all are there who must hear it."""
+        with self._lock:
+            return self._observation is not None and not self._is_published
+
+    def robot(self) -> tuple[int, RobotState]:
+        """Return simulation time [ns] and the robot's pose and motion, between two steps."""
+        with self._lock:
+            time_ns = 0 if self._state is RunState.STOPPED else self._simulator.time_ns
+            return time_ns, self._simulator.robot_state
+
     def begin(
         self,
         lane: str | None = None,
@@ -105,11 +130,11 @@ class Stepper:
         from_time_zero: bool = False,
         on_published: Callable[[Observation], None] | None = None,
     ) -> None:
-        """Begin an episode, and play unless paused.
+        """Begin an episode, and play unless paused; steps asked for in the last one are dropped.
 
         Args:
-            lane: As in `Simulator.reset`.
-            seed: As in `Simulator.reset`.
+            lane: As in `Simulator.reset`; None for the first one's at the beginning of all.
+            seed: As in `Simulator.reset`; None for the first one's at the beginning of all.
             from_time_zero: As in `Simulator.reset`.
             on_published: Called with the first observation once it is published.
 
@@ -117,21 +142,25 @@ class Stepper:
             SpikelaneError: As in `Simulator.reset`; nothing has changed then.
         """
         with self._lock:
-            if seed is None and (from_time_zero or self._observation is None):
-                seed = self._seed
+            if from_time_zero or self._observation is None:
+                lane = self._lane if lane is None else lane
+                seed = self._seed if seed is None else seed
             observation = self._simulator.reset(lane, seed, from_time_zero=from_time_zero)
+            self.cancel_advance()
             if self._state is RunState.STOPPED:
                 self._state = RunState.PLAYING
             self._command = STANDSTILL
             self._show(observation, on_published)
 
     def reset_time(self, on_published: Callable[[Observation], None]) -> None:
-        """Let simulation time begin again within the episode, if there is one.
+        """Let simulation time begin again within the episode.
 
         Raises:
-            SpikelaneError: No episode has begun.
+            SpikelaneError: No episode has begun since the start or the last `stop`.
         """
         with self._lock:
+            if self._observation is None:
+                raise SpikelaneError('no episode has begun: reset the simulation first')
             self._command_ns = 0
             self._show(self._simulator.reset_time(), on_published)
 
@@ -158,7 +187,7 @@ class Stepper:
     def tick(self) -> None:
         """Take one step of real time, if the simulation plays and an episode runs."""
         with self._lock:
-            if self._state is RunState.PLAYING and self._is_running:
+            if self._state is RunState.PLAYING and self._may_step:
                 self._step(self._held_command())
 
     def play(self) -> None:
@@ -237,6 +266,8 @@ class Stepper:
             SpikelaneError: No episode is running.
         """
         with self._lock:
+            if self._state is RunState.STOPPED:
+                raise SpikelaneError('the simulation is stopped: begin an episode first')
             self._simulator.place(x_m, y_m, heading_rad)
 
     def audience_changed(self) -> None:
@@ -277,7 +308,7 @@ class Stepper:
     def _held_command(self) -> WheelVelocities:
         if self._hold_ns is None:
             return self._command
-        is_fresh = self._simulator.time_ns - self._command_ns <= self._hold_ns
+        is_fresh = self._simulator.time_ns - self._command_ns < self._hold_ns
         return self._command if is_fresh else STANDSTILL
 
     def _show(

@@ -30,7 +30,7 @@ class SimulatorDiagnostics:
         self._was_terminated = False
 
     def notice(self) -> None:
-        """Report what the last command changed: a refused command, the end of an episode."""
+        """Report what the last step brought: a command not taken as given, an episode's end."""
         counts = self._simulator.command_counts
         if counts != self._counts:
             self._report(counts)

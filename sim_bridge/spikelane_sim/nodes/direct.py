@@ -91,6 +91,8 @@ class DirectSubscriptions:
                 if context.ok():
                     self._handle(wait_set.get_ready_entities('subscription'))
         except Exception:
+            if not context.ok():
+                return  # a signal came in the middle of a message: nothing can be published
             self._node.get_logger().fatal(traceback.format_exc())
             self._node.exit_status = 1
             context.try_shutdown()

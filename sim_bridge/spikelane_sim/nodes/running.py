@@ -29,16 +29,22 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     Returns:
         0, or what the node has as `exit_status`, or 2 where it could not be made.
     """
-    rclpy.init(args=arguments)
+    try:
+        rclpy.init(args=arguments)
+    except RuntimeError as error:  # of several kinds: arguments or a parameter file it cannot read
+        return _refuse(' '.join(str(error).split()))
     node = None
     try:
         node = make_node()
         rclpy.spin(node)
     except SpikelaneError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 2
+        return _refuse(str(error))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        if rclpy.ok():
+            raise
+        # A signal came in the middle of something that needs the middleware.
     finally:
         # A second Ctrl-C must not cut the clean-up short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -47,3 +53,8 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
             node.destroy_node()
         rclpy.try_shutdown()
     return int(getattr(node, 'exit_status', 0))
+
+
+def _refuse(reason: str) -> int:
+    print(f'error: {reason}', file=sys.stderr)
+    return 2

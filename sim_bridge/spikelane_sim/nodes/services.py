@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
@@ -63,6 +64,8 @@ class SimulatorServices:
         self._node = node
         self._simulator = simulator
         self._stepper = stepper
+        # A request that waits to take effect must not keep the node from anything else.
+        group = ReentrantCallbackGroup()
         for kind, name, handle in (
             (Reset, 'reset', self._reset),
             (ResetSimulation, 'reset_simulation', self._reset_simulation),
@@ -73,13 +76,14 @@ class SimulatorServices:
             (GetEntityState, 'get_entity_state', self._get_entity_state),
             (SetEntityState, 'set_entity_state', self._set_entity_state),
         ):
-            node.create_service(kind, f'~/{name}', handle)
+            node.create_service(kind, f'~/{name}', handle, callback_group=group)
         self._steps_action = ActionServer(
             node,
             SimulateSteps,
             '~/simulate_steps',
             self._simulate_steps,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            cancel_callback=self._cancel_steps,
+            callback_group=group,
         )
 
     async def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
@@ -147,8 +151,14 @@ class SimulatorServices:
             goal.abort()
         return SimulateSteps.Result(result=result)
 
+    def _cancel_steps(self, goal: ServerGoalHandle) -> CancelResponse:
+        del goal  # only one at a time takes steps
+        # Here and not after the next step, which nobody may ever answer.
+        self._stepper.cancel_advance()
+        return CancelResponse.ACCEPT
+
     async def _advance(self, steps: int, goal: ServerGoalHandle | None) -> Result:
-        """Take steps of the paused simulation; with a goal, publish feedback and heed a cancel."""
+        """Take steps of the paused simulation, and tell the goal, if there is one, of each."""
         if steps < 1:
             return _failed(Result.RESULT_OPERATION_FAILED, 'steps: expected at least 1, got 0')
         over = Awaitable(self._node)
@@ -160,10 +170,8 @@ class SimulatorServices:
                         completed_steps=completed, remaining_steps=steps - completed
                     )
                 )
-                is_over = is_over or goal.is_cancel_requested
             if is_over:
                 over.complete(completed)
-                self._stepper.cancel_advance()
 
         try:
             self._stepper.advance(steps, on_step)
@@ -241,9 +249,9 @@ class SimulatorServices:
     ) -> GetEntityState.Response:
         response.result = self._known_entity(request.entity)
         if response.result.result == Result.RESULT_OK:
-            robot = self._simulator.robot_state
+            stamp_ns, robot = self._stepper.robot()
             response.state.header.frame_id = conversions.WORLD_FRAME
-            response.state.header.stamp = conversions.to_time(self._simulator.time_ns)
+            response.state.header.stamp = conversions.to_time(stamp_ns)
             conversions.fill_pose(response.state.pose, robot)
             conversions.fill_world_twist(response.state.twist, robot)
         return response

@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 from std_msgs.msg import Float64MultiArray
 
-from spikelane_sim.contract import STEP_S, WheelVelocities
+from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
@@ -43,7 +43,7 @@ class SimulatorNodeParameters(Parameters):
         0.5,
         'In realtime mode the wheels stop when no command came for this simulation time.',
         unit='s',
-        low=0.0,
+        low=STEP_S,
         high=3600.0,
     )
     use_stamped_vel: bool = parameter(
@@ -71,7 +71,7 @@ class SimulatorNode(Node):
         """
         super().__init__('simulator')
         self.exit_status = 0
-        settings = declare_parameters(self, SimulatorNodeParameters)
+        self._settings = settings = declare_parameters(self, SimulatorNodeParameters)
         self._simulator = Simulator(declare_parameters(self, SimulatorParameters))
         is_realtime = settings.mode == 'realtime'
         self._topics = SimulatorTopics(
@@ -80,11 +80,12 @@ class SimulatorNode(Node):
         self._stepper = Stepper(
             self._simulator,
             Publish(
-                self._topics.publish,
+                self._publish,
                 lambda: self._topics.event_subscribers >= settings.wait_for_subscribers,
                 lambda: self.count_publishers('wheel_velocities') > 0,
             ),
             seed=settings.seed,
+            lane=settings.lane or None,
             hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
         )
         self._commands = DirectSubscriptions(self)
@@ -103,13 +104,13 @@ class SimulatorNode(Node):
         self.create_timer(1.0, self._diagnostics.publish, clock=steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
         self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
-        self._steps_at_warning = -1
-        self._commands.start()
+        self._steps_at_warning = 0
         self.get_logger().info(
             f'{settings.mode}, course {self._simulator.course.name}, seed {settings.seed}'
         )
         if settings.autostart:
-            self._stepper.begin(settings.lane or None)
+            self._stepper.begin()
+        self._commands.start()
 
     def destroy_node(self) -> None:
         """Stop stepping and release everything."""
@@ -117,13 +118,16 @@ class SimulatorNode(Node):
         self._simulator.close()
         super().destroy_node()
 
+    def _publish(self, observation: Observation, is_new: bool) -> None:
+        self._topics.publish(observation, is_new)
+        self._diagnostics.notice()
+
     def _on_match(self) -> None:
         self._stepper.audience_changed()
 
     def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
         stamp_ns = conversions.to_stamp_ns(message.header.stamp)
         self._stepper.command(stamp_ns, conversions.wheels_from_message(message))
-        self._diagnostics.notice()
 
     def _take_usual_commands(self, is_stamped: bool) -> None:
         commands = 'wheel_velocity_controller/commands'
@@ -147,13 +151,18 @@ class SimulatorNode(Node):
         self._stepper.command(None, wheels)
 
     def _warn_if_waiting(self) -> None:
-        observation = self._stepper.observation
-        if self._stepper.is_waiting and self._stepper.steps == self._steps_at_warning:
+        if self._stepper.steps != self._steps_at_warning:
+            self._steps_at_warning = self._stepper.steps
+        elif self._stepper.is_unheard:
             self.get_logger().warning(
-                f'waiting for wheel_velocities with stamp {observation.stamp_ns} ns; '
+                f'waiting for {self._settings.wait_for_subscribers} subscribers of '
+                f'event_camera/events; {self._topics.event_subscribers} are there'
+            )
+        elif self._stepper.is_waiting:
+            self.get_logger().warning(
+                f'waiting for wheel_velocities with stamp {self._simulator.time_ns} ns; '
                 f'{self.count_publishers("wheel_velocities")} publishers are there'
             )
-        self._steps_at_warning = self._stepper.steps
 
 
 def main() -> None:

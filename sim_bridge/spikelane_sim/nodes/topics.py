@@ -20,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 
 from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.nodes import conversions
-from spikelane_sim.robots.pioneer import URDF_PATH
+from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
 RELIABLE_10 = QoSProfile(depth=10)
