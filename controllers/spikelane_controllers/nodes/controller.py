@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+import threading
 from typing import NamedTuple
 
 from event_camera_msgs.msg import EventPacket
@@ -43,6 +44,13 @@ class ControllerNodeParameters(Parameters):
     )
 
 
+class _Identity(NamedTuple):
+    """Tells an observation that comes again from another at the same time after a reset."""
+
+    stamp_ns: int
+    sequence: int
+
+
 class _Episode(NamedTuple):
     """Tells one episode from the next."""
 
@@ -66,9 +74,10 @@ class ControllerNode(Node):
         self._controller: Controller = cls(declare_parameters(self, cls.parameters_class))
         self._controller.reset(controller_rng(self._settings.seed, 0))
         self._episode: _Episode | None = None
-        self._next_sequence: int | None = None
+        self._answered: _Identity | None = None
         self._answer = WheelVelocities()
-        self._has_answer = False
+        # Observations come in one thread, subscribers join in another.
+        self._lock = threading.Lock()
         self._state = ControllerState(
             controller=name, neurons=list(getattr(self._controller, 'neurons', ()))
         )
@@ -103,21 +112,21 @@ class ControllerNode(Node):
             self._on_observation(None, packet)
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
-        is_again = self._has_answer and packet.header.stamp == self._answer.header.stamp
-        if not is_again:
-            self._count_lost(packet)
-            self._step(lane, packet)
+        identity = _Identity(conversions.to_stamp_ns(packet.header.stamp), packet.seq)
+        with self._lock:
+            if identity != self._answered:
+                self._report_lost(packet)
+                self._step(lane, packet, identity.stamp_ns)
+                self._answered = identity
         self._send_answer()
 
-    def _step(self, lane: LaneState | None, packet: EventPacket) -> None:
+    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
         lane_state = None if lane is None else conversions.lane_state_from_message(lane)
         if lane_state is not None and self._begins(lane_state.episode, lane_state.step):
             self._controller.reset(controller_rng(self._settings.seed, lane_state.episode))
-        stamp_ns = conversions.to_stamp_ns(packet.header.stamp)
         observation = Observation(stamp_ns, self._events(packet), lane_state)
         self._answer.left, self._answer.right = self._controller.step(observation)
         self._answer.header.stamp = packet.header.stamp
-        self._has_answer = True
         if self._states.get_subscription_count():
             self._publish_state(lane)
 
@@ -135,18 +144,18 @@ class ControllerNode(Node):
             )
             return no_events()
 
-    def _count_lost(self, packet: EventPacket) -> None:
-        expected, self._next_sequence = self._next_sequence, packet.seq + 1
-        if expected is not None and packet.seq > expected:
+    def _report_lost(self, packet: EventPacket) -> None:
+        lost = 0 if self._answered is None else packet.seq - self._answered.sequence - 1
+        if lost > 0:
             self.get_logger().warning(
-                f'event_camera/events: {packet.seq - expected} packets were lost',
-                throttle_duration_sec=1.0,
+                f'event_camera/events: {lost} packets were lost', throttle_duration_sec=1.0
             )
 
     def _send_answer(self) -> None:
-        is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
-        if self._has_answer and is_heard:
-            self._wheels.publish(self._answer)
+        with self._lock:
+            is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
+            if self._answered is not None and is_heard:
+                self._wheels.publish(self._answer)
 
     def _publish_state(self, lane: LaneState | None) -> None:
         state = self._state
