@@ -1,0 +1,144 @@
+"""What the tests of nodes share: a ROS domain of their own, and real node processes in it."""
+
+from collections.abc import Callable, Iterator, Mapping
+import os
+from pathlib import Path
+import signal
+import subprocess
+import time
+from typing import Any
+
+from domain_coordinator import domain_id
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from spikelane.executables import find_executable
+
+DEADLINE_S = 60.0
+TURN_S = 0.05
+
+
+class NodeProcess:
+    """A node that runs as a process of its own, and what it has said."""
+
+    def __init__(self, command: list[str], environment: Mapping[str, str], log: Path) -> None:
+        self._log = log
+        with log.open('wb') as output:
+            self._process = subprocess.Popen(
+                command,
+                env=dict(environment),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            )
+
+    @property
+    def log(self) -> str:
+        """What it has written to its standard output and error."""
+        return self._log.read_text(errors='replace')
+
+    @property
+    def status(self) -> int | None:
+        """Exit status, None while it runs."""
+        return self._process.poll()
+
+    def wait(self) -> int:
+        """Wait for its end; return the exit status."""
+        return self._process.wait(DEADLINE_S)
+
+    def send(self, number: int) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """Send a signal; return the exit status."""
+        self.send(number)
+        return self.wait()
+
+    def kill(self) -> None:
+        """End it for certain."""
+        self._process.kill()
+        self._process.wait()
+
+
+class Graph:
+    """A ROS domain of its own, a node of the test in it, and the processes started there."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        self._folder = folder
+        self._processes: list[NodeProcess] = []
+        self._environment = os.environ | {
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        self._context = Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = Node('test', context=self._context, enable_rosout=False)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def start(
+        self, executable: str, parameters: Mapping[str, Any] | None = None, *arguments: str
+    ) -> NodeProcess:
+        """Start a node with parameters and further arguments for ROS."""
+        command = [str(find_executable(executable)), '--ros-args', *arguments]
+        for name, value in (parameters or {}).items():
+            command += ['-p', f'{name}:={value}']
+        log = self._folder / f'{executable}-{len(self._processes)}.log'
+        process = NodeProcess(command, self._environment, log)
+        self._processes.append(process)
+        return process
+
+    def until(self, condition: Callable[[], Any], what: str = 'the condition') -> Any:
+        """Spin until a condition is true; return its value."""
+        deadline_s = time.monotonic() + DEADLINE_S
+        while not (value := condition()):
+            if time.monotonic() > deadline_s:
+                logs = '\n'.join(process.log for process in self._processes)
+                pytest.fail(f'waited {DEADLINE_S:g} s for {what}; the nodes said:\n{logs}')
+            self._executor.spin_once(timeout_sec=TURN_S)
+        return value
+
+    def result(self, future: Any) -> Any:
+        """Spin until a future is done; return its result."""
+        self.until(future.done, 'an answer')
+        return future.result()
+
+    def call(self, kind: type, name: str, **fields: Any) -> Any:
+        """Call a service; return the response."""
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f'service {name}')
+        response = self.result(client.call_async(kind.Request(**fields)))
+        self.node.destroy_client(client)
+        return response
+
+    def close(self) -> None:
+        """End everything."""
+        for process in self._processes:
+            process.kill()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture(scope='module')
+def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    """Give the module's tests a graph that they share."""
+    with pytest.MonkeyPatch.context() as patch, domain_id() as domain:
+        # The test's own node reads it, and must see the processes.
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        graph = Graph(domain, tmp_path_factory.mktemp('graph'))
+        try:
+            yield graph
+        finally:
+            graph.close()
