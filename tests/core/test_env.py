@@ -1,0 +1,269 @@
+"""The Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+import warnings
+
+import gymnasium
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+import numpy as np
+import pytest
+
+from spikelane_sim.contract import WheelVelocities
+from spikelane_sim.encoding import count_events, EncodingParameters
+from spikelane_sim.env import ENV_ID, LaneKeepingEnv
+from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+KINEMATIC = {'robot.model': 'kinematic'}
+LEFT, STRAIGHT, RIGHT = 0, 1, 2
+
+
+def make_env(**arguments: Any) -> LaneKeepingEnv:
+    """Make an environment with the kinematic robot."""
+    simulator = KINEMATIC | arguments.pop('simulator', {})
+    return LaneKeepingEnv(simulator=simulator, **arguments)
+
+
+@pytest.fixture
+def env() -> Iterator[LaneKeepingEnv]:
+    """Give the environment as it is by default, but kinematic."""
+    made = make_env()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize('observation', ['state_image', 'spike_counts'])
+@pytest.mark.parametrize('actions', ['discrete', 'wheels'])
+def test_gymnasium_finds_no_fault(observation: str, actions: str) -> None:
+    """Its own checks, warnings being errors; the wheels' limit is the robot's, not one."""
+    made = gymnasium.make(
+        ENV_ID,
+        observation=observation,
+        actions=actions,
+        simulator=KINEMATIC,
+        render_mode='rgb_array',
+        disable_env_checker=True,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        warnings.filterwarnings('ignore', message='.*symmetric and normalized.*')
+        check_env(made.unwrapped)
+    made.close()
+
+
+@pytest.mark.parametrize('observation', ['state_image', 'spike_counts'])
+def test_stable_baselines_finds_no_fault(observation: str) -> None:
+    """But for its advice to flatten: these are small images without channels, not vectors."""
+    stable_baselines = pytest.importorskip('stable_baselines3.common.env_checker')
+    made = make_env(observation=observation, render_mode='rgb_array')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        warnings.filterwarnings('ignore', message='.*unconventional shape.*')
+        stable_baselines.check_env(made)
+    made.close()
+
+
+def test_it_is_made_by_name() -> None:
+    """For each of the paper's scenarios."""
+    made = gymnasium.make('spikelane/LaneKeeping-v0', scenario=2, simulator=KINEMATIC)
+    assert isinstance(made.unwrapped, LaneKeepingEnv)
+    image, info = made.reset(seed=1)
+    assert image.shape == (16, 32)
+    assert info['lane_state'].lane == 'outer'
+    made.close()
+
+
+def test_the_spaces_are_those_of_the_controllers() -> None:
+    """The image of the deep network, the counts of the spiking ones."""
+    image, counts = make_env(), make_env(observation='spike_counts', actions='wheels')
+    assert image.observation_space == spaces.Box(0, 1, (16, 32), np.uint8)
+    assert counts.observation_space == spaces.Box(0, 256, (4, 8), np.int64)
+    assert image.action_space == spaces.Discrete(3)
+    assert counts.action_space == spaces.Box(-12.3, 12.3, (2,), np.float32)
+
+
+def test_the_reward_at_the_centre_is_2_6596(env: LaneKeepingEnv) -> None:
+    """1 / (0.15 sqrt(2 pi)); at one sigma exp(-1/2) of it, the same on both sides."""
+    assert env.lane_centre_reward(0.0) == pytest.approx(2.6596152, abs=1e-7)
+    assert env.lane_centre_reward(0.15) == pytest.approx(1.6131382, abs=1e-7)
+    assert env.lane_centre_reward(-0.15) == env.lane_centre_reward(0.15)
+
+
+def test_the_reward_is_the_sum_of_its_named_terms(env: LaneKeepingEnv) -> None:
+    """There is one, of the distance after the action."""
+    env.reset(seed=0)
+    _, reward, *_, info = env.step(STRAIGHT)
+    assert info['reward_terms'] == {'lane_centre': reward}
+    assert reward == pytest.approx(2.6596152, abs=1e-7)
+    for _ in range(10):
+        _, reward, *_, info = env.step(RIGHT)
+    distance_m = info['lane_state'].distance_m
+    assert distance_m > 0.01
+    assert reward == pytest.approx(2.6596152 * np.exp(-(distance_m**2) / 0.045), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ('action', 'wheels'),
+    [(LEFT, (0.75, 1.25)), (STRAIGHT, (1.0, 1.0)), (RIGHT, (1.25, 0.75))],
+)
+def test_an_action_holds_for_ten_steps(action: int, wheels: tuple[float, float]) -> None:
+    """The same drive as that of the simulator alone, and the same events."""
+    made = make_env(observation='spike_counts')
+    made.reset(seed=5)
+    counts, _, _, _, info = made.step(action)
+    with Simulator(SimulatorParameters.from_mapping(KINEMATIC)) as simulator:
+        simulator.reset(seed=5)
+        for _ in range(10):
+            observation = simulator.step(WheelVelocities(*wheels))
+    assert info['lane_state'] == observation.lane
+    assert np.array_equal(counts, count_events(observation.events, EncodingParameters()))
+    assert counts.sum() > 0
+
+
+def test_wheels_are_driven_as_told() -> None:
+    """In any number type; what is beyond the limit is no action."""
+    made = make_env(actions='wheels', task={'steps_per_action': 1})
+    made.reset(seed=0)
+    for action in (np.array([2.0, 2.0], np.float32), np.array([2.0, 2.0]), [2, 2]):
+        *_, info = made.step(action)
+    assert info['lane_state'].progress_m == pytest.approx(3 * 2 * 0.004875, abs=1e-12)
+    for wrong in ([13.0, 0.0], [np.nan, 0.0], [1.0], 1.0):
+        with pytest.raises(SpikelaneError, match='action: expected one of Box'):
+            made.step(wrong)
+
+
+@pytest.mark.parametrize('action', [3, -1, 1.0, 'left', None])
+def test_what_is_no_action_is_refused(env: LaneKeepingEnv, action: object) -> None:
+    """And drives nothing."""
+    env.reset(seed=0)
+    with pytest.raises(SpikelaneError, match='action: expected one of Discrete'):
+        env.step(action)
+    assert env.step(STRAIGHT)[4]['lane_state'].step == 10
+
+
+def test_the_first_observation_is_all_zeros(env: LaneKeepingEnv) -> None:
+    """Also after a drive: nothing of the last episode is left."""
+    for _ in range(2):
+        image, _ = env.reset(seed=3)
+        assert (image.shape, image.dtype, image.any()) == ((16, 32), np.uint8, np.False_)
+        image, *_ = env.step(STRAIGHT)
+        assert set(np.unique(image)) == {0, 1}
+
+
+def test_an_episode_is_truncated_after_its_last_action() -> None:
+    """Which is no failure."""
+    made = make_env(task={'max_actions': 3, 'steps_per_action': 1})
+    made.reset(seed=0)
+    ends = [made.step(STRAIGHT)[2:] for _ in range(3)]
+    assert [end[:2] for end in ends] == [(False, False), (False, False), (False, True)]
+    assert ends[-1][2]['is_success']
+    made.reset()
+    assert made.step(STRAIGHT)[3] is False
+
+
+def test_an_episode_is_terminated_where_the_lane_is_lost(env: LaneKeepingEnv) -> None:
+    """By driving straight on where the road turns, in the middle of an action even."""
+    env.reset(seed=0)
+    is_terminated = is_truncated = False
+    actions = 0
+    while not (is_terminated or is_truncated):
+        _, reward, is_terminated, is_truncated, info = env.step(STRAIGHT)
+        actions += 1
+    lane = info['lane_state']
+    assert (is_terminated, is_truncated, lane.reason) == (True, False, 'lane_lost')
+    assert not info['is_success']
+    assert abs(lane.distance_m) > 0.5
+    # Out of the turn of 2.25 m by 0.5 m: sqrt(2.75^2 - 2.25^2) m after the straight's 4.5 m.
+    assert lane.step == np.ceil((4.5 + np.sqrt(2.75**2 - 2.25**2)) / 0.004875)
+    assert actions == np.ceil(lane.step / 10)
+    assert reward < 0.02
+    with pytest.raises(SpikelaneError, match='no episode is running'):
+        env.step(STRAIGHT)
+
+
+def test_a_limit_of_the_simulator_truncates_with_success() -> None:
+    """Steps or laps that were asked for are no failure."""
+    made = make_env(simulator={'episode.max_steps': 15})
+    made.reset(seed=0)
+    assert made.step(STRAIGHT)[2:4] == (False, False)
+    *_, is_terminated, is_truncated, info = made.step(STRAIGHT)
+    assert (is_terminated, is_truncated, info['is_success']) == (False, True, True)
+    assert info['lane_state'].step == 15
+
+
+def test_lanes_take_turns_unless_one_is_named(env: LaneKeepingEnv) -> None:
+    """A seed begins with the course's first."""
+    named = {'options': {'lane': 'outer'}}
+    resets: list[dict[str, Any]] = [{'seed': 1}, {}, {}, {'seed': 1}, named]
+    lanes = [env.reset(**reset)[1]['lane_state'].lane for reset in resets]
+    assert lanes == ['outer', 'inner', 'outer', 'outer', 'outer']
+
+
+def test_an_unknown_lane_is_refused(env: LaneKeepingEnv) -> None:
+    """With those that there are."""
+    with pytest.raises(SpikelaneError, match="lane: expected outer or inner, got 'middle'"):
+        env.reset(options={'lane': 'middle'})
+
+
+def test_a_seed_determines_all_episodes_that_follow() -> None:
+    """In the same environment and in another one, pixels being noisy."""
+    noisy = {'pixels.model': 'esim', 'pixels.esim.shot_rate_hz': 20.0}
+
+    def play(made: LaneKeepingEnv, seed: int) -> list[Any]:
+        seen: list[Any] = []
+        for begin in (seed, None):
+            seen.append(made.reset(seed=begin)[0].tolist())
+            for action in (STRAIGHT, LEFT, RIGHT):
+                image, *rest = made.step(action)
+                seen += [image.tolist(), *rest]
+        return seen
+
+    one, other = (make_env(observation='spike_counts', simulator=noisy) for _ in range(2))
+    first = play(one, 21)
+    assert play(one, 21) == first
+    assert play(other, 21) == first
+    assert play(other, 22) != first
+
+
+def test_the_picture_shows_the_last_events() -> None:
+    """ON blue, OFF red, black elsewhere."""
+    made = make_env(render_mode='rgb_array', observation='spike_counts')
+    assert not made.render().any()
+    made.reset(seed=0)
+    colours = set()
+    for _ in range(10):
+        counts, *_ = made.step(RIGHT)
+        image = made.render()
+        assert (image.shape, image.dtype) == ((128, 128, 3), np.uint8)
+        # The counts leave 40 rows out at the top and 24 at the bottom.
+        assert np.count_nonzero(image[40:104].any(axis=2)) == counts.sum()
+        colours |= {tuple(colour) for colour in image.reshape(-1, 3).tolist()}
+    assert colours == {(0, 0, 0), (0, 64, 255), (255, 64, 0)}
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ({'observation': 'pixels'}, "observation: expected state_image or spike_counts, got 'pix"),
+        ({'actions': 'speed'}, "actions: expected discrete or wheels, got 'speed'"),
+        ({'render_mode': 'human'}, "render_mode: expected rgb_array, got 'human'"),
+        ({'scenario': 4}, "course: expected scenario_1, .* got 'scenario_4'"),
+        ({'task': {'max_action': 3}}, "task: unknown parameter 'max_action'; expected steps_per"),
+        ({'task': {'max_actions': 0}}, 'task: max_actions: expected a whole number of at least 1'),
+        ({'simulator': {'speed': 3}}, "simulator: unknown parameter 'speed'"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
+    """With what is allowed."""
+    with pytest.raises(SpikelaneError, match=message):
+        make_env(**arguments)
+
+
+def test_a_sensor_that_the_cells_do_not_fill_is_refused() -> None:
+    """Rather than leaving its edge out."""
+    with pytest.raises(ParameterError, match='cell: expected cells that fill'):
+        make_env(simulator={'camera.width': 130})
