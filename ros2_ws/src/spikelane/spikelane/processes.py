@@ -92,12 +92,8 @@ class Processes:
         Raises:
             ProcessError: One has ended; the message has its last lines.
         """
-        for name, child in self._children.items():
-            status = child.poll()
-            if status is not None:
-                lines = self._logs[name].read_text(errors='replace').splitlines()
-                last = ' | '.join(lines[-_LAST_LINES:]) or 'it said nothing'
-                raise ProcessError(f'{name} ended with status {status}: {last}')
+        for name in self._children:
+            self._check(name)
 
     def wait(self, name: str, timeout_s: float) -> None:
         """Wait until a child ends by itself.
@@ -108,7 +104,7 @@ class Processes:
         with contextlib.suppress(subprocess.TimeoutExpired):
             if self._children[name].wait(timeout_s) == 0:
                 return
-            self.check()
+            self._check(name)
         raise ProcessError(f'{name}: expected it to end within {timeout_s:g} s, it still runs')
 
     def stop(self, *names: str) -> None:
@@ -131,6 +127,13 @@ class Processes:
     def statuses(self) -> dict[str, int | None]:
         """Return each child's exit status, None where it runs."""
         return {name: child.poll() for name, child in self._children.items()}
+
+    def _check(self, name: str) -> None:
+        status = self._children[name].poll()
+        if status is not None:
+            lines = self._logs[name].read_text(errors='replace').splitlines()
+            last = ' | '.join(lines[-_LAST_LINES:]) or 'it said nothing'
+            raise ProcessError(f'{name} ended with status {status}: {last}')
 
 
 def _die_with(parent: int) -> None:
