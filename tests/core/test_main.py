@@ -1,0 +1,191 @@
+"""The `spikelane` command: help, wrong use and exit codes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import signal
+import sys
+from types import ModuleType
+
+import pytest
+
+from spikelane.executables import EXECUTABLES, find_executable
+from spikelane.main import COMMANDS, main, run
+from spikelane_sim.errors import PacketError, SpikelaneError
+
+
+@pytest.fixture(autouse=True)
+def _signals_as_before() -> Iterator[None]:
+    """The command handles SIGTERM; the test runner wants its own way back."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+def exit_of(*arguments: str) -> object:
+    """Run the command to its end; return the exit code."""
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    return end.value.code
+
+
+def fake_command(monkeypatch: pytest.MonkeyPatch, result: BaseException | int) -> None:
+    """Put a command in the place of `lap` that ends with that."""
+
+    def run_fake(options: argparse.Namespace) -> int:
+        del options
+        if isinstance(result, BaseException):
+            raise result
+        return result
+
+    module = ModuleType('spikelane.commands.lap')
+    module.add_arguments = lambda parser: None  # type: ignore[attr-defined]
+    module.run = run_fake  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, 'spikelane.commands.lap', module)
+
+
+def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each with its purpose."""
+    assert exit_of('--help') == 0
+    text = capsys.readouterr().out
+    for name, purpose in COMMANDS.items():
+        assert name in text
+        assert purpose in text
+
+
+def test_help_on_a_lap_has_every_option(capsys: pytest.CaptureFixture[str]) -> None:
+    """With its default."""
+    assert exit_of('lap', '--help') == 0
+    text = ' '.join(capsys.readouterr().out.split())
+    for option in (
+        '--scenario', '--controller', '--lane', '--seed', '--transport', '--robot',
+        '--pixels', '--antialias', '--param', '--out', '--json',
+    ):  # fmt: skip
+        assert f'{option} ' in text
+    for default in ('1', 'braitenberg', "the course's first, outer", '0', 'ros', 'pybullet'):
+        assert f'(default: {default})' in text
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """It begins with how to call it."""
+    assert exit_of(command, '--help') == 0
+    assert capsys.readouterr().out.startswith(f'usage: spikelane {command} ')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'error'),
+    [
+        ([], 'spikelane: the following arguments are required: COMMAND'),
+        (['fly'], "spikelane: argument COMMAND: invalid choice: 'fly' (choose from "),
+        (['lap', '--fly'], 'spikelane: unrecognized arguments: --fly'),
+        (['lap', '--seed', 'x'], "spikelane lap: argument --seed: invalid int value: 'x'"),
+        (['lap', '--robot', 'x'], "spikelane lap: argument --robot: invalid choice: 'x' (choose"),
+        (['node', 'x'], 'spikelane node: node: expected one of simulator, braitenberg, '),
+        (['node'], 'spikelane node: the following arguments are required: NODE'),
+    ],
+)
+def test_wrong_use_is_told_in_one_line(
+    arguments: list[str], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, nothing on the standard output."""
+    assert exit_of(*arguments) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)
+    assert err.startswith(error)
+
+
+@pytest.mark.parametrize('status', [0, 1])
+def test_the_exit_code_is_the_commands(monkeypatch: pytest.MonkeyPatch, status: int) -> None:
+    """Done, or failed."""
+    fake_command(monkeypatch, status)
+    assert exit_of('lap') == status
+
+
+@pytest.mark.parametrize(
+    ('error', 'status'), [(SpikelaneError('no such lane'), 2), (PacketError('no such lane'), 1)]
+)
+def test_an_error_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: SpikelaneError,
+    status: int,
+) -> None:
+    """Its own exit code says whose fault it was."""
+    fake_command(monkeypatch, error)
+    assert run(['lap']) == status
+    assert capsys.readouterr() == ('', 'spikelane lap: no such lane\n')
+
+
+def test_a_bug_is_no_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its traceback is for us."""
+    fake_command(monkeypatch, ZeroDivisionError())
+    with pytest.raises(ZeroDivisionError):
+        run(['lap'])
+
+
+def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As shells have it: 128 + SIGINT."""
+    fake_command(monkeypatch, KeyboardInterrupt())
+    assert run(['lap']) == 130
+
+
+def test_a_termination_cleans_up_and_ends_with_143(monkeypatch: pytest.MonkeyPatch) -> None:
+    """128 + SIGTERM; whatever is held is released on the way out."""
+    released = []
+
+    def run_until_terminated(options: argparse.Namespace) -> int:
+        del options
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            signal.sigtimedwait([], 5.0)
+        finally:
+            released.append(True)
+        return 0
+
+    fake_command(monkeypatch, 0)
+    monkeypatch.setattr(sys.modules['spikelane.commands.lap'], 'run', run_until_terminated)
+    assert run(['lap']) == 143
+    assert released == [True]
+
+
+def test_a_node_is_found_through_the_ament_index(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In the first prefix that has its package, as `ros2 run` does."""
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f':{tmp_path}/a:{tmp_path}/b b:{tmp_path}/c')
+    for prefix in ('b b', 'c'):
+        for path in (
+            'share/ament_index/resource_index/packages/spikelane',
+            'lib/spikelane/recorder',
+        ):
+            (tmp_path / prefix / path).parent.mkdir(parents=True)
+            (tmp_path / prefix / path).touch()
+    assert find_executable('recorder') == tmp_path / 'b b/lib/spikelane/recorder'
+    with pytest.raises(SpikelaneError, match='package spikelane_sim is not in AMENT_PREFIX_PATH'):
+        find_executable('simulator')
+
+
+def test_a_node_becomes_the_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With all arguments that follow its name, ours or not."""
+    for path in ('share/ament_index/resource_index/packages/spikelane', 'lib/spikelane/recorder'):
+        (tmp_path / path).parent.mkdir(parents=True)
+        (tmp_path / path).touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    called = []
+    monkeypatch.setattr(os, 'execv', lambda *call: called.append(call) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run(['node', 'recorder', '--ros-args', '-p', 'output:=bag', '--help'])
+    program = str(tmp_path / 'lib/spikelane/recorder')
+    assert called == [(program, [program, '--ros-args', '-p', 'output:=bag', '--help'])]
+
+
+def test_without_ros_no_node_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line says what to do."""
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    for name in EXECUTABLES:
+        with pytest.raises(SpikelaneError, match=f'node {name}: .* source install/setup.bash'):
+            find_executable(name)
