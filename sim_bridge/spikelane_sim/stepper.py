@@ -14,7 +14,7 @@ from enum import Enum
 import threading
 from typing import NamedTuple
 
-from spikelane_sim.contract import Observation, RobotState, WheelVelocities
+from spikelane_sim.contract import Observation, RobotState, STEP_NS, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.simulator import Simulator
 
@@ -70,8 +70,8 @@ class Stepper:
             seed: Of the first sequence of episodes, and of each after a full reset.
             lane: Of the first episode, and of each after a full reset; None for the course's
                 first.
-            hold_ns: How long a command holds [ns of simulation time] in real time; None for
-                lockstep.
+            hold_ns: How long a command holds [ns of simulation time] in real time, at least for
+                one step; None for lockstep.
 
         Raises:
             SpikelaneError: No such lane.
@@ -81,7 +81,7 @@ class Stepper:
         self._simulator = simulator
         self._publish = publish
         self._seed, self._lane = seed, lane
-        self._hold_ns = hold_ns
+        self._hold_ns = None if hold_ns is None else max(hold_ns, STEP_NS)
         self._lock = threading.RLock()
         self._state = RunState.STOPPED
         self._observation: Observation | None = None

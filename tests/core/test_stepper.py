@@ -443,6 +443,16 @@ def test_a_command_holds_for_half_a_second_of_simulation(realtime: Stepper, worl
     assert world.driven_steps == pytest.approx(11)
 
 
+def test_a_command_holds_for_one_step_at_least(simulator: Simulator, world: World) -> None:
+    """Where it is told to hold for no time at all."""
+    stepper = make_stepper(simulator, world, hold_ns=0)
+    stepper.begin()
+    stepper.command(None, AHEAD)
+    stepper.tick()
+    stepper.tick()
+    assert world.driven_steps == pytest.approx(1)
+
+
 def test_the_last_command_before_a_tick_counts(realtime: Stepper, world: World) -> None:
     """None is ignored."""
     realtime.begin()
