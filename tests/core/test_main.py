@@ -47,6 +47,13 @@ def fake_command(monkeypatch: pytest.MonkeyPatch, result: BaseException | int) -
     monkeypatch.setitem(sys.modules, 'spikelane.commands.lap', module)
 
 
+def install_recorder(prefix: Path) -> None:
+    """Make a prefix with the package `spikelane` and its recorder in it."""
+    for name in ('share/ament_index/resource_index/packages/spikelane', 'lib/spikelane/recorder'):
+        (prefix / name).parent.mkdir(parents=True)
+        (prefix / name).touch()
+
+
 def test_help_lists_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     """Each with its purpose."""
     assert exit_of('--help') == 0
@@ -158,12 +165,7 @@ def test_a_node_is_found_through_the_ament_index(
     """In the first prefix that has its package, as `ros2 run` does."""
     monkeypatch.setenv('AMENT_PREFIX_PATH', f':{tmp_path}/a:{tmp_path}/b b:{tmp_path}/c')
     for prefix in ('b b', 'c'):
-        for path in (
-            'share/ament_index/resource_index/packages/spikelane',
-            'lib/spikelane/recorder',
-        ):
-            (tmp_path / prefix / path).parent.mkdir(parents=True)
-            (tmp_path / prefix / path).touch()
+        install_recorder(tmp_path / prefix)
     assert find_executable('recorder') == tmp_path / 'b b/lib/spikelane/recorder'
     with pytest.raises(SpikelaneError, match='package spikelane_sim is not in AMENT_PREFIX_PATH'):
         find_executable('simulator')
@@ -171,9 +173,7 @@ def test_a_node_is_found_through_the_ament_index(
 
 def test_a_node_becomes_the_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """With all arguments that follow its name, ours or not."""
-    for path in ('share/ament_index/resource_index/packages/spikelane', 'lib/spikelane/recorder'):
-        (tmp_path / path).parent.mkdir(parents=True)
-        (tmp_path / path).touch()
+    install_recorder(tmp_path)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
     called = []
     monkeypatch.setattr(os, 'execv', lambda *call: called.append(call) or 1 / 0)
