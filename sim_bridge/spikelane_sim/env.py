@@ -1,4 +1,8 @@
-"""Gymnasium environment `spikelane/LaneKeeping-v0`: the paper's task with its reward."""
+"""Gymnasium environment `spikelane/LaneKeeping-v0`: the paper's task with its reward.
+
+Importing this module registers it. Gymnasium looks for no plugins since version 1.0, so either
+import it first or let `gymnasium.make('spikelane_sim.env:spikelane/LaneKeeping-v0')` do it.
+"""
 
 from __future__ import annotations
 
@@ -216,7 +220,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
 
 def register() -> None:
-    """Register the environment; Gymnasium calls this through the package's entry point."""
+    """Register the environment, once."""
     if ENV_ID not in gymnasium.registry:
         gymnasium.register(ENV_ID, entry_point='spikelane_sim.env:LaneKeepingEnv')
 

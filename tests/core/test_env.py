@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import os
+import subprocess
+import sys
 from typing import Any
 import warnings
 
@@ -75,6 +78,24 @@ def test_it_is_made_by_name() -> None:
     assert image.shape == (16, 32)
     assert info['lane_state'].lane == 'outer'
     made.close()
+
+
+def test_it_is_found_by_the_name_of_its_module() -> None:
+    """Where nobody has imported it."""
+    code = (
+        'import gymnasium\n'
+        "name = 'spikelane_sim.env:spikelane/LaneKeeping-v0'\n"
+        "made = gymnasium.make(name, scenario=3, simulator={'robot.model': 'kinematic'})\n"
+        'print(made.spec.id)'
+    )
+    ended = subprocess.run(
+        [sys.executable, '-c', code],
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout == 'spikelane/LaneKeeping-v0\n'
 
 
 def test_the_spaces_are_those_of_the_controllers() -> None:
