@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import dataclasses
 import math
-from typing import Any, get_type_hints, TypeVar
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 import numpy as np
 
@@ -23,8 +23,8 @@ _KIND_NAMES = {
     int: 'a whole number',
     float: 'a number',
     str: 'a text',
-    tuple: 'a list of numbers',
 }
+_LIST_NAMES = {float: 'a list of numbers', str: 'a list of texts'}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ParameterSpec:
 
     Attributes:
         name: Dotted name, `camera.width` for a field of nested parameters.
-        kind: bool, int, float, str, or tuple for a list of floats.
+        kind: bool, int, float, str, or tuple for a list.
         default: Value used where none is given.
         description: What it means, one sentence.
         unit: SI unit, empty for pure numbers.
@@ -41,6 +41,7 @@ class ParameterSpec:
         high: Largest allowed value, None for no bound.
         choices: Allowed texts, empty for any.
         source: Where the default comes from (a place in the paper), empty for our own choice.
+        item: Of a list, what it is of: float or str.
     """
 
     name: str
@@ -52,6 +53,7 @@ class ParameterSpec:
     high: float | None = None
     choices: tuple[str, ...] = ()
     source: str = ''
+    item: type = float
 
     @property
     def allowed(self) -> str:
@@ -59,7 +61,7 @@ class ParameterSpec:
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
         unit = f' {self.unit}' if self.unit else ''
-        kind = _KIND_NAMES[self.kind]
+        kind = _LIST_NAMES[self.item] if self.kind is tuple else _KIND_NAMES[self.kind]
         if self.low is not None and self.high is not None:
             return f'{kind} from {self.low:g} to {self.high:g}{unit}'
         if self.low is not None:
@@ -74,7 +76,7 @@ class ParameterSpec:
         Raises:
             ParameterError: The value is of another kind or not allowed.
         """
-        converted = _convert(self.kind, value)
+        converted = _convert(self.kind, value, self.item)
         if converted is None or not self._is_allowed(converted):
             raise ParameterError(f'{self.name}: expected {self.allowed}, got {value!r}')
         return converted
@@ -83,7 +85,7 @@ class ParameterSpec:
         if self.choices:
             return value in self.choices
         numbers = value if self.kind is tuple else (value,)
-        if self.kind not in (int, float, tuple):
+        if self.kind not in (int, float, tuple) or (self.kind is tuple and self.item is str):
             return True
         return all(
             (isinstance(number, int) or math.isfinite(number))
@@ -185,14 +187,14 @@ class Parameters:
         return values
 
 
-def _convert(kind: type, value: object) -> Any:
+def _convert(kind: type, value: object, item: type = float) -> Any:
     """Return the value as `kind`, or None where that would lose or invent something."""
     if isinstance(value, np.generic):
         value = value.item()
     if kind is tuple:
         if isinstance(value, str) or not hasattr(value, '__iter__'):
             return None
-        items = tuple(_convert(float, item) for item in value)
+        items = tuple(_convert(item, each) for each in value)
         return None if None in items else items
     if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
@@ -212,8 +214,9 @@ def _own_specs(cls: type) -> Iterator[ParameterSpec]:
     hints = get_type_hints(cls)
     for field in dataclasses.fields(cls):
         if field.metadata:
-            kind = getattr(hints[field.name], '__origin__', hints[field.name])
-            yield ParameterSpec(field.name, kind, field.default, **field.metadata)
+            hint = hints[field.name]
+            kind, item = get_origin(hint) or hint, (*get_args(hint), float)[0]
+            yield ParameterSpec(field.name, kind, field.default, item=item, **field.metadata)
 
 
 def _groups(cls: type) -> dict[str, type[Parameters]]:

@@ -22,18 +22,21 @@ from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.subscription import Subscription
 
 
-class _NotForExecutors(CallbackGroup):
+class NotForExecutors(CallbackGroup):
     """Keeps executors away from the subscriptions in it."""
 
     def can_execute(self, entity: object) -> bool:
+        """Refuse."""
         del entity
         return False
 
     def beginning_execution(self, entity: object) -> bool:
+        """Refuse."""
         del entity
         return False
 
     def ending_execution(self, entity: object) -> None:
+        """Do nothing: nothing is ever begun."""
         del entity
 
 
@@ -48,7 +51,7 @@ class DirectSubscriptions:
     def __init__(self, node: Node) -> None:
         """Prepare; nothing is received before `start`."""
         self._node = node
-        self._group = _NotForExecutors()
+        self._group = NotForExecutors()
         self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._wake = GuardCondition(None, self._group, context=node.context)
         self._thread = threading.Thread(target=self._run, daemon=True)

@@ -7,6 +7,8 @@ own time of reception becomes the log time. An executor serves only the paramete
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 import datetime
 import functools
 import importlib
@@ -17,20 +19,21 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_share_directory
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 import rclpy
-from rclpy.callback_groups import CallbackGroup
-from rclpy.exceptions import InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from spikelane.bag.container import COMPRESSIONS
 from spikelane.bag.metadata import QosDuration, QosProfile
 from spikelane.bag.recording import NOT_RECORDED, Recording
 from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
+from spikelane_sim.nodes.direct import NotForExecutors
+from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.parameters import parameter, Parameters
 
 _TAKE_PERIOD_S = 0.05
 _DISCOVERY_PERIOD_S = 0.05
@@ -39,17 +42,31 @@ _CHECK_PERIOD_S = 1.0
 _CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
 
 
-class _NeverExecuted(CallbackGroup):
-    """Keeps subscriptions out of executors: their messages are taken by `Recorder.take`."""
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters(Parameters):
+    """What is recorded, and how."""
 
-    def can_execute(self, entity):
-        return False
-
-    def beginning_execution(self, entity):
-        return False
-
-    def ending_execution(self, entity):
-        pass
+    output: str = parameter(
+        '', 'Folder of the bag, must not exist; empty for rosbag2_<date>-<time>.'
+    )
+    topics: tuple[str, ...] = parameter((), 'Topics to record; none: all that are not hidden.')
+    exclude: tuple[str, ...] = parameter((), 'Topics not to record.')
+    compression: str = parameter('zstd', 'How chunks are compressed.', choices=COMPRESSIONS)
+    chunk_bytes: int = parameter(
+        CHUNK_BYTES, 'Size at which a chunk is written.', unit='B', low=1024, high=2**28
+    )
+    max_file_bytes: int = parameter(
+        0, 'Size at which another file is begun; 0: never.', unit='B', low=0, high=2**62
+    )
+    flush_period_s: float = parameter(
+        1.0, 'A kill costs at most the messages of this time.', unit='s', low=0.05, high=60.0
+    )
+    depth: int = parameter(
+        10000, 'Messages of a topic that may wait to be recorded.', low=1, high=10**6
+    )
+    custom_data: tuple[str, ...] = parameter(
+        (), 'Facts about the run, kept in the metadata: texts like seed=7.'
+    )
 
 
 class Recorder(Node):
@@ -57,21 +74,21 @@ class Recorder(Node):
 
     def __init__(self) -> None:
         super().__init__('recorder')
-        self._declare_parameters()
-        self._listed = self._names('topics')
-        self._excluded = self._names('exclude')
-        self._depth = self._value('depth')
-        self._group = _NeverExecuted()
+        self._settings = declare_parameters(self, RecorderParameters)
+        self._listed = self._resolve(self._settings.topics)
+        self._excluded = self._resolve(self._settings.exclude)
+        # The messages are taken by `take`.
+        self._group = NotForExecutors()
         self._subscriptions_taken = []  # (topic id, message type, handle)
         self._recorded = {}  # topic name: topic id, 0 for one that cannot be recorded
         self._profiles = {}
         self._warned = set()
         self._writer = BagWriter(
-            Path(self._value('output') or _default_output()),
-            compression=self._value('compression'),
-            chunk_bytes=self._value('chunk_bytes'),
-            max_file_bytes=self._value('max_file_bytes'),
-            custom_data=self._custom_data(),
+            Path(self._settings.output or _default_output()),
+            compression=self._settings.compression,
+            chunk_bytes=self._settings.chunk_bytes,
+            max_file_bytes=self._settings.max_file_bytes,
+            custom_data=_custom_data(self._settings.custom_data),
         )
         use_sim_time = self.get_parameter('use_sim_time').value
         self._recording = Recording(self._writer, use_sim_time=use_sim_time)
@@ -91,7 +108,7 @@ class Recorder(Node):
             _Periodic(_DISCOVERY_PERIOD_S, self.discover),
             _Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
             _Periodic(_CHECK_PERIOD_S, self.check_publishers),
-            _Periodic(self._value('flush_period_s'), self._writer.flush),
+            _Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
         while not stop.is_set():
             self.take()
@@ -105,7 +122,7 @@ class Recorder(Node):
         arrivals = []
         for topic_id, message_type, handle in self._subscriptions_taken:
             # A publisher that outruns us must not keep us from the others.
-            for _ in range(self._depth):
+            for _ in range(self._settings.depth):
                 taken = handle.take_message(message_type, True)
                 if taken is None:
                     break
@@ -123,14 +140,19 @@ class Recorder(Node):
             self._recording.write(arrivals)
 
     def discover(self) -> None:
-        """Subscribe to wanted topics that have a publisher now."""
+        """Subscribe to wanted topics that have a publisher now, in the order they are listed.
+
+        Discovery keeps that order, so that a publisher that has met us on the last topic of its
+        node in the list has met us on all.
+        """
         new = []
-        for name, type_names in self.get_topic_names_and_types():
+        found = dict(self.get_topic_names_and_types())
+        for name in [*(name for name in self._listed if name in found), *found]:
             is_clock = self._needs_clock and name == '/clock'
             if name in self._recorded or not (is_clock or self._wants(name)):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
-            if publishers and self._subscribe(name, type_names, publishers):
+            if publishers and self._subscribe(name, found[name], publishers):
                 new.append(name)
         if new:
             count = len(self._subscriptions_taken)
@@ -162,7 +184,7 @@ class Recorder(Node):
         self.get_logger().info(
             f'recorded {count} messages of {topics} topics to {self._writer.path}, {lost} lost'
         )
-        missing = sorted(self._listed - self._recorded.keys())
+        missing = [name for name in self._listed if name not in self._recorded]
         if missing:
             self.get_logger().warning(f'never published: {", ".join(missing)}')
 
@@ -207,7 +229,7 @@ class Recorder(Node):
         is_reliable = all(offer.reliability == 'reliable' for offer in offers)
         is_latched = all(offer.durability == 'transient_local' for offer in offers)
         return QoSProfile(
-            depth=self._depth,
+            depth=self._settings.depth,
             reliability=(
                 ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
             ),
@@ -239,49 +261,9 @@ class Recorder(Node):
             self._warned.add((name, problem))
             self.get_logger().warning(f'{name} {problem}')
 
-    def _names(self, parameter: str) -> set[str]:
-        names = (name for name in self._value(parameter) if name)
-        return {self.resolve_topic_name(name) for name in names}
-
-    def _custom_data(self) -> dict[str, str]:
-        pairs = [pair for pair in self._value('custom_data') if pair]
-        for pair in pairs:
-            if '=' not in pair:
-                raise ParameterError(f'custom_data: expected texts like seed=7, got {pair!r}')
-        return dict(pair.split('=', 1) for pair in pairs)
-
-    def _value(self, parameter: str):
-        return self.get_parameter(parameter).value
-
-    def _declare_parameters(self) -> None:
-        texts = (
-            ('output', '', 'Folder of the bag, must not exist; empty for rosbag2_<date>-<time>'),
-            ('compression', 'zstd', 'How chunks are compressed: zstd or none'),
-        )
-        lists = (
-            ('topics', 'Topics to record; none for all that are not hidden'),
-            ('exclude', 'Topics not to record'),
-            ('custom_data', 'Facts about the run, kept in the metadata: texts like seed=7'),
-        )
-        numbers = (
-            ('chunk_bytes', CHUNK_BYTES, 1024, 2**28, 'Size at which a chunk is written [B]'),
-            ('max_file_bytes', 0, 0, 2**62, 'Size at which another file is begun [B]; 0: never'),
-            ('depth', 10000, 1, 10**6, 'Messages of a topic that may wait to be recorded'),
-        )
-        for name, default, text in texts:
-            self._declare(name, default, text)
-        for name, text in lists:
-            self._declare(name, [''], text)
-        for name, default, low, high, text in numbers:
-            limits = [IntegerRange(from_value=low, to_value=high, step=1)]
-            self._declare(name, default, text, integer_range=limits)
-        limits = [FloatingPointRange(from_value=0.05, to_value=60.0, step=0.0)]
-        text = 'A kill costs at most the messages of this time [s]'
-        self._declare('flush_period_s', 1.0, text, floating_point_range=limits)
-
-    def _declare(self, name, default, description, **ranges) -> None:
-        descriptor = ParameterDescriptor(description=description, read_only=True, **ranges)
-        self.declare_parameter(name, default, descriptor)
+    def _resolve(self, names: Iterable[str]) -> tuple[str, ...]:
+        # YAML and the command line of ROS know no empty list: [''] stands for it.
+        return tuple(self.resolve_topic_name(name) for name in names if name)
 
 
 class _Periodic:
@@ -318,7 +300,7 @@ def main(args: list[str] | None = None) -> int:
 def _record(stop: threading.Event) -> int:
     try:
         recorder = Recorder()
-    except (SpikelaneError, InvalidParameterValueException) as error:
+    except SpikelaneError as error:
         rclpy.logging.get_logger('recorder').error(str(error))
         return 2
     try:
@@ -334,6 +316,14 @@ def _record(stop: threading.Event) -> int:
 
 def _ignore(_: bytes) -> None:
     """Stand in for a callback; messages are taken, not called back."""
+
+
+def _custom_data(pairs: Iterable[str]) -> dict[str, str]:
+    given = [pair for pair in pairs if pair]
+    for pair in given:
+        if '=' not in pair:
+            raise ParameterError(f'custom_data: expected texts like seed=7, got {pair!r}')
+    return dict(pair.split('=', 1) for pair in given)
 
 
 def _default_output() -> str:
