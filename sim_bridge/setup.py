@@ -21,7 +21,6 @@ setup(
     description='Lane-keeping simulator',
     license='Apache-2.0',
     entry_points={
-        'gymnasium.envs': ['__root__ = spikelane_sim.env:register'],
         'console_scripts': [
             'simulator = spikelane_sim.nodes.simulator:main',
         ],

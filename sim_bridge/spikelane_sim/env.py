@@ -1,8 +1,4 @@
-"""Gymnasium environment `spikelane/LaneKeeping-v0`: the paper's task with its reward.
-
-Importing this module registers it. Gymnasium looks for no plugins since version 1.0, so either
-import it first or let `gymnasium.make('spikelane_sim.env:spikelane/LaneKeeping-v0')` do it.
-"""
+"""Gymnasium environment `spikelane/LaneKeeping-v0`: the paper's task with its reward."""
 
 from __future__ import annotations
 
@@ -31,8 +27,6 @@ from spikelane_sim.encoding import (
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
-
-ENV_ID = 'spikelane/LaneKeeping-v0'
 
 #: Left, straight, right: how the turning velocity is added to the left wheel.
 _TURNS = (-1.0, 0.0, 1.0)
@@ -84,7 +78,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
     `task.max_actions` actions. Laps do not end it.
     """
 
-    metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 20}  # noqa: RUF012
+    metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 2}  # noqa: RUF012
 
     def __init__(
         self,
@@ -219,12 +213,6 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         return spaces.Box(-limit, limit, (2,), np.float32)
 
 
-def register() -> None:
-    """Register the environment, once."""
-    if ENV_ID not in gymnasium.registry:
-        gymnasium.register(ENV_ID, entry_point='spikelane_sim.env:LaneKeepingEnv')
-
-
 def _lane(observation: Observation) -> LaneState:
     assert observation.lane is not None  # the simulator always knows it
     return observation.lane
@@ -233,6 +221,3 @@ def _lane(observation: Observation) -> LaneState:
 def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         raise SpikelaneError(f'{name}: expected {" or ".join(allowed)}, got {value!r}')
-
-
-register()

@@ -17,7 +17,7 @@ import pytest
 
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
-from spikelane_sim.env import ENV_ID, LaneKeepingEnv
+from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
@@ -44,7 +44,7 @@ def env() -> Iterator[LaneKeepingEnv]:
 def test_gymnasium_finds_no_fault(observation: str, actions: str) -> None:
     """Its own checks, warnings being errors; the wheels' limit is the robot's, not one."""
     made = gymnasium.make(
-        ENV_ID,
+        'spikelane/LaneKeeping-v0',
         observation=observation,
         actions=actions,
         simulator=KINEMATIC,
@@ -84,7 +84,7 @@ def test_it_is_found_by_the_name_of_its_module() -> None:
     """Where nobody has imported it."""
     code = (
         'import gymnasium\n'
-        "name = 'spikelane_sim.env:spikelane/LaneKeeping-v0'\n"
+        "name = 'spikelane_sim:spikelane/LaneKeeping-v0'\n"
         "made = gymnasium.make(name, scenario=3, simulator={'robot.model': 'kinematic'})\n"
         'print(made.spec.id)'
     )

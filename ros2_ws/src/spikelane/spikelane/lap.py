@@ -101,6 +101,8 @@ def make_config(
         if group not in groups:
             expected = ' or '.join(f'{group}.<name>' for group in groups)
             raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
+        if name == 'simulator.course' and value != scenario_course(scenario):
+            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
         groups[group][rest] = value
     if not 0 <= seed < 2**63:
         raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
