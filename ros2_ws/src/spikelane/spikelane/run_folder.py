@@ -7,8 +7,7 @@
         metrics.json    what came out
         figures/        drawn from the above
 
-A file is written beside its final name, flushed to the disk and renamed, so a run that is killed
-leaves the old file or the new one, never half of one. A finished run is never written over: where
+Every file is written whole (`spikelane_sim.files`). A finished run is never written over: where
 `lap` exists, the next run becomes `lap-2`, then `lap-3`.
 """
 
@@ -19,20 +18,18 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import itertools
-import json
-import os
 from pathlib import Path
 import platform
 from typing import Any
 
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet')
 
 
-class RunFolderError(SpikelaneError):
-    """A run's folder cannot be made, or a file of it not written or read."""
+class RunFolderError(FileError):
+    """A run's folder cannot be made."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,61 +118,6 @@ def versions() -> dict[str, str | None]:
     return found
 
 
-def write_bytes_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that, whenever we are interrupted, the old or the new one is there, whole.
-
-    Folders above it are made.
-
-    Raises:
-        RunFolderError: The file cannot be written; what was there before still is.
-    """
-    path = Path(path)
-    beside = path.with_name(f'.{path.name}.{os.getpid()}.part')
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _write_and_sync(beside, content)
-        os.replace(beside, path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise RunFolderError(f'{path}: cannot be written: {error.strerror}') from error
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-
-
-def write_text_atomically(path: Path, text: str) -> None:
-    """Write a text as UTF-8; see `write_bytes_atomically`."""
-    write_bytes_atomically(path, text.encode())
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write JSON that any reader takes, two spaces deep, keys in the order given.
-
-    Raises:
-        RunFolderError: It holds NaN or infinity, which JSON lacks, or cannot be written.
-    """
-    try:
-        text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise RunFolderError(f'{path}: cannot be written as JSON: {error}') from None
-    write_text_atomically(path, text + '\n')
-
-
-def write_yaml(path: Path, value: Any) -> None:
-    """Write YAML without tags, keys in the order given.
-
-    Raises:
-        RunFolderError: It holds something YAML has no plain form for, or cannot be written.
-    """
-    import yaml
-
-    try:
-        text = yaml.safe_dump(_plain(value), sort_keys=False, allow_unicode=True)
-    except yaml.YAMLError as error:
-        raise RunFolderError(f'{path}: cannot be written as YAML: {error}') from None
-    write_text_atomically(path, text)
-
-
 def _candidates(path: Path) -> Iterator[Path]:
     yield path
     yield from (path.with_name(f'{path.name}-{number}') for number in itertools.count(2))
@@ -189,33 +131,3 @@ def _make_folder(path: Path, exist_ok: bool = False) -> None:
         if isinstance(error, FileExistsError) and not exist_ok:
             raise
         raise RunFolderError(f'{path}: cannot be made: {error.strerror}') from error
-
-
-def _write_and_sync(path: Path, content: bytes) -> None:
-    with path.open('wb') as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_folder(path: Path) -> None:
-    """Put the new name itself on the disk; some file systems refuse, and that is no failure."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def _plain(value: Any) -> Any:
-    """Return the value as the dicts, lists, texts and numbers that JSON and YAML share."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, 'tolist'):  # NumPy's arrays and scalars
-        return value.tolist()
-    return value

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.run_folder import write_text_atomically
 from spikelane_sim.contract import LaneState, Observation, RobotState, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import write_text_atomically
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -218,7 +218,7 @@ def write_csv(trajectory: Trajectory, path: Path) -> None:
     Lane and reason are columns too, the reason in the last row.
 
     Raises:
-        RunFolderError: The file cannot be written.
+        FileError: The file cannot be written.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')

@@ -10,8 +10,8 @@ import io
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from spikelane.run_folder import write_bytes_atomically
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import write_bytes_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,7 +86,7 @@ def save(figure: Figure, path: Path) -> tuple[Path, ...]:
 
     Raises:
         SpikelaneError: The ending is another.
-        RunFolderError: A file cannot be written.
+        FileError: A file cannot be written.
     """
     path = Path(path)
     if path.suffix and path.suffix not in SUFFIXES:

@@ -20,9 +20,10 @@ from spikelane_msgs.srv import Reset
 from spikelane.executables import find_executable
 from spikelane.lap import DrivenLap, LapConfig, Show
 from spikelane.processes import ProcessError, Processes
-from spikelane.run_folder import RunFolder, write_yaml
+from spikelane.run_folder import RunFolder
 from spikelane.trajectory_bag import read_trajectory
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import write_yaml
 
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0

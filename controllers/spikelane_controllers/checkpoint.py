@@ -1,0 +1,130 @@
+"""Checkpoints: everything a learning controller is, in a form that any program can read.
+
+A checkpoint is one safetensors file; what is not an array stands as JSON in its header, and again
+beside it in a `.json` for people. Only the safetensors file is ever read back, so that the two
+can not disagree. There is no pickle in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import write_bytes_atomically, write_text_atomically
+
+Arrays = Mapping[str, NDArray[Any]]
+
+FORMAT = 'spikelane-checkpoint'
+VERSION = 1
+_HEADER = 'spikelane'
+
+
+class CheckpointError(SpikelaneError):
+    """A checkpoint cannot be read, or is not what is wanted."""
+
+
+class Checkpoint(NamedTuple):
+    """What a checkpoint holds."""
+
+    arrays: dict[str, NDArray[Any]]
+    facts: dict[str, Any]  # of JSON's kinds
+
+
+def write_checkpoint(
+    path: Path, controller: str, arrays: Arrays, facts: Mapping[str, Any], *, sync: bool = True
+) -> None:
+    """Write a checkpoint, whole or not at all.
+
+    Args:
+        path: Ending in .safetensors; the .json is written beside it.
+        controller: Name of the controller it is of.
+        arrays: By name, of plain numbers.
+        facts: Everything else, of JSON's kinds.
+        sync: As in `files.write_bytes_atomically`.
+
+    Raises:
+        FileError: It cannot be written.
+    """
+    from safetensors.numpy import save
+
+    head = {'format': FORMAT, 'version': VERSION, 'controller': controller, 'facts': dict(facts)}
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    content = save(contiguous, metadata={_HEADER: json.dumps(head, allow_nan=False)})
+    write_bytes_atomically(path, content, sync=sync)
+    if sync:  # for people, who look when it is over
+        write_text_atomically(path.with_suffix('.json'), json.dumps(head, indent=2) + '\n')
+
+
+def read_checkpoint(path: Path, controller: str) -> Checkpoint:
+    """Read a checkpoint.
+
+    Args:
+        path: The safetensors file, or a folder that has `checkpoint.safetensors`.
+        controller: Name of the controller it must be of.
+
+    Raises:
+        CheckpointError: It is not there, truncated, of another program, controller or version,
+            or has numbers that are not finite; the message says which.
+    """
+    file = path / 'checkpoint.safetensors' if path.is_dir() else path
+    arrays, metadata = _read_safetensors(file)
+    head = _head(file, metadata)
+    for name, expected in (
+        ('format', FORMAT),
+        ('version', VERSION),
+        ('controller', controller),
+    ):
+        if head.get(name) != expected:
+            raise CheckpointError(f'{file}: expected {name} {expected}, got {head.get(name)}')
+    for name, array in arrays.items():
+        if array.dtype.kind == 'f' and not np.isfinite(array).all():
+            raise CheckpointError(f'{file}: {name}: expected finite numbers, got NaN or infinity')
+    return Checkpoint(arrays, head['facts'])
+
+
+def check_array(
+    path: Path, arrays: Arrays, name: str, shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Return an array of floats of a checkpoint.
+
+    Raises:
+        CheckpointError: It is not there, or has another shape.
+    """
+    if name not in arrays:
+        raise CheckpointError(f'{path}: expected an array {name}, got {", ".join(arrays)}')
+    if arrays[name].shape != shape:
+        raise CheckpointError(
+            f'{path}: {name}: expected the shape {shape}, got {arrays[name].shape}'
+        )
+    return np.asarray(arrays[name], np.float64)
+
+
+def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    from safetensors import safe_open, SafetensorError
+
+    try:
+        with safe_open(file, framework='numpy') as opened:
+            arrays = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
+            return arrays, opened.metadata() or {}
+    except FileNotFoundError:
+        raise CheckpointError(f'{file}: expected a checkpoint, there is none') from None
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(
+            f'{file}: expected a safetensors file, cannot be read: {error}'
+        ) from None
+
+
+def _head(file: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
+    try:
+        head = json.loads(metadata.get(_HEADER, '{}'))
+    except ValueError:
+        head = None
+    if not isinstance(head, dict) or not head:
+        raise CheckpointError(f'{file}: expected a checkpoint of Spikelane, got another file')
+    return head

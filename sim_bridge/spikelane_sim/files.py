@@ -1,0 +1,112 @@
+"""Files written whole: beside the final name, flushed to the disk, and renamed.
+
+Whoever is killed while writing leaves the old file or the new one, never half of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from spikelane_sim.errors import SpikelaneError
+
+
+class FileError(SpikelaneError):
+    """A file cannot be written or read."""
+
+    exit_status = 1
+
+
+def write_bytes_atomically(path: Path, content: bytes, *, sync: bool = True) -> None:
+    """Write a file so that, whenever we are interrupted, the old or the new one is there, whole.
+
+    Args:
+        path: The file; folders above it are made.
+        content: All of it.
+        sync: Whether it must be on the disk on return. A killed process loses nothing without,
+            only a machine that stops does.
+
+    Raises:
+        FileError: The file cannot be written; what was there before still is.
+    """
+    path = Path(path)
+    beside = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write(beside, content, sync)
+        os.replace(beside, path)
+        if sync:
+            _sync_folder(path.parent)
+    except OSError as error:
+        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+
+
+def write_text_atomically(path: Path, text: str) -> None:
+    """Write a text as UTF-8; see `write_bytes_atomically`."""
+    write_bytes_atomically(path, text.encode())
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON that any reader takes, two spaces deep, keys in the order given.
+
+    Raises:
+        FileError: It holds NaN or infinity, which JSON lacks, or cannot be written.
+    """
+    try:
+        text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise FileError(f'{path}: cannot be written as JSON: {error}') from None
+    write_text_atomically(path, text + '\n')
+
+
+def write_yaml(path: Path, value: Any) -> None:
+    """Write YAML without tags, keys in the order given.
+
+    Raises:
+        FileError: It holds something YAML has no plain form for, or cannot be written.
+    """
+    import yaml
+
+    try:
+        text = yaml.safe_dump(_plain(value), sort_keys=False, allow_unicode=True)
+    except yaml.YAMLError as error:
+        raise FileError(f'{path}: cannot be written as YAML: {error}') from None
+    write_text_atomically(path, text)
+
+
+def _write(path: Path, content: bytes, sync: bool) -> None:
+    with path.open('wb') as file:
+        file.write(content)
+        if sync:
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _sync_folder(path: Path) -> None:
+    """Put the new name itself on the disk; some file systems refuse, and that is no failure."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _plain(value: Any) -> Any:
+    """Return the value as the dicts, lists, texts and numbers that JSON and YAML share."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, 'tolist'):  # NumPy's arrays and scalars
+        return value.tolist()
+    return value
