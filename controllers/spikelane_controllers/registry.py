@@ -13,6 +13,7 @@ from spikelane_sim.parameters import Parameters
 #: Name of a controller: module and class that implement it.
 CONTROLLERS: Mapping[str, tuple[str, str]] = {
     'braitenberg': ('spikelane_controllers.braitenberg', 'Braitenberg'),
+    'rstdp': ('spikelane_controllers.rstdp', 'RStdp'),
 }
 
 

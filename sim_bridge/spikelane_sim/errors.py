@@ -30,3 +30,7 @@ class BagError(SpikelaneError):
     """A bag cannot be read or written."""
 
     exit_status = 1
+
+
+class CheckpointError(SpikelaneError):
+    """A checkpoint cannot be read, or is not what is wanted."""

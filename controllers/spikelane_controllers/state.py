@@ -1,0 +1,167 @@
+"""A controller's state as a flat mapping of names to arrays and numbers, for checkpoints.
+
+Records (NamedTuples of arrays and numbers) are spread under dotted names. An array of a structured
+type becomes an array per field, so that everything can be stored as safetensors and JSON.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import CheckpointError
+
+State = dict[str, Any]  # of arrays without fields, bool, int, float
+
+RecordT = TypeVar('RecordT', bound=NamedTuple)
+
+_WORD = 1 << 64
+
+
+def spread(prefix: str, record: NamedTuple) -> State:
+    """Return the arrays and numbers of a record as `prefix.field`, or `prefix.field.subfield`."""
+    state: State = {}
+    for name, value in record._asdict().items():
+        if isinstance(value, np.ndarray):
+            for key, part in _columns(f'{prefix}.{name}', value).items():
+                state[key] = np.array(part)
+        else:
+            state[f'{prefix}.{name}'] = value
+    return state
+
+
+def gather(prefix: str, like: RecordT, state: Mapping[str, Any]) -> RecordT:
+    """Return the record that was spread.
+
+    Args:
+        prefix: As given to `spread`.
+        like: A record of the same kind. Shapes must be as in it, but arrays of structured types
+            may have any length.
+        state: What `spread` returned.
+
+    Raises:
+        CheckpointError: Something is missing, of another shape or kind, or not finite.
+    """
+    values = {}
+    for name, example in like._asdict().items():
+        key = f'{prefix}.{name}'
+        if not isinstance(example, np.ndarray):
+            values[name] = number(state, key, type(example))
+        elif example.dtype.names is None:
+            values[name] = array(state, key, example.dtype, example.shape)
+        else:
+            values[name] = _structured(state, key, example.dtype)
+    return like._replace(**values)
+
+
+def number(state: Mapping[str, Any], name: str, kind: type) -> Any:
+    """Return a number of the state.
+
+    Raises:
+        CheckpointError: It is missing, of another kind or not finite.
+    """
+    value = _look_up(state, name)
+    is_kind = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
+    if not is_kind or not np.isfinite(value):
+        raise CheckpointError(f'{name}: expected a {kind.__name__}, got {value!r}')
+    return value
+
+
+def array(
+    state: Mapping[str, Any], name: str, dtype: np.dtype[Any], shape: tuple[int, ...] | None = None
+) -> NDArray[Any]:
+    """Return a copy of an array of the state.
+
+    Args:
+        state: The state.
+        name: Of the array.
+        dtype: Its type.
+        shape: None for one axis of any length.
+
+    Raises:
+        CheckpointError: It is missing, of another shape or type, or not finite.
+    """
+    value = _look_up(state, name)
+    if not isinstance(value, np.ndarray) or value.dtype != dtype:
+        raise CheckpointError(
+            f'{name}: expected an array of {dtype}, got {getattr(value, "dtype", value)}'
+        )
+    if value.ndim != 1 if shape is None else value.shape != shape:
+        expected = 'one axis' if shape is None else f'shape {shape}'
+        raise CheckpointError(f'{name}: expected {expected}, got shape {value.shape}')
+    if not np.isfinite(value).all():
+        raise CheckpointError(f'{name}: expected finite numbers, got {_first_other(value)}')
+    return value.copy()
+
+
+def spread_generator(prefix: str, rng: np.random.Generator) -> State:
+    """Return the state of a generator made by `numpy.random.default_rng`."""
+    state = cast(dict[str, Any], rng.bit_generator.state)
+    words = [
+        word for key in ('state', 'inc') for word in divmod(cast(int, state['state'][key]), _WORD)
+    ]
+    return {
+        f'{prefix}.words': np.array(words, np.uint64),
+        f'{prefix}.has_uint32': int(state['has_uint32']),
+        f'{prefix}.uinteger': int(state['uinteger']),
+    }
+
+
+def gather_generator(prefix: str, state: Mapping[str, Any]) -> np.random.Generator:
+    """Return the generator that was spread; it goes on with the same numbers.
+
+    Raises:
+        CheckpointError: Something is missing, or of another shape or kind.
+    """
+    words = array(state, f'{prefix}.words', np.dtype(np.uint64), (4,)).tolist()
+    bits = np.random.PCG64()
+    bits.state = {
+        'bit_generator': 'PCG64',
+        'state': {'state': words[0] * _WORD + words[1], 'inc': words[2] * _WORD + words[3]},
+        'has_uint32': number(state, f'{prefix}.has_uint32', int),
+        'uinteger': number(state, f'{prefix}.uinteger', int),
+    }
+    return np.random.Generator(bits)
+
+
+def check_names(state: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    """Check that a state has the names of another one and no more.
+
+    Raises:
+        CheckpointError: A name is missing or unknown.
+    """
+    for name in expected:
+        _look_up(state, name)
+    for name in state:
+        if name not in expected:
+            raise CheckpointError(f'{name}: expected one of {", ".join(expected)}')
+
+
+def _columns(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    if values.dtype.names is None:
+        return {name: values}
+    return {f'{name}.{field}': values[field] for field in values.dtype.names}
+
+
+def _structured(state: Mapping[str, Any], name: str, dtype: np.dtype[Any]) -> NDArray[Any]:
+    columns = {field: array(state, f'{name}.{field}', dtype[field]) for field in dtype.names or ()}
+    lengths = {len(column) for column in columns.values()}
+    if len(lengths) != 1:
+        raise CheckpointError(f'{name}: expected fields of one length, got {sorted(lengths)}')
+    values = np.empty(lengths.pop(), dtype)
+    for field, column in columns.items():
+        values[field] = column
+    return values
+
+
+def _look_up(state: Mapping[str, Any], name: str) -> Any:
+    if name not in state:
+        raise CheckpointError(f'{name}: expected in the state, but it is missing')
+    return state[name]
+
+
+def _first_other(values: NDArray[Any]) -> float:
+    return float(values[~np.isfinite(values)][0])
