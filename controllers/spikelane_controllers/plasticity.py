@@ -125,7 +125,7 @@ class SynapseRule(NamedTuple):
 
     scalars: NDArray[np.void]  # of _RULE_DTYPE, (1,)
     # Per number k of grid steps from -interval to the longest window plus interval: what decays
-    # in them of c, n and K_plus, and the integral of exp(-t / tau_c - t / tau_n) [ms]. (4, n)
+    # in them of c, n and K_plus, and the integral of exp(-t / tau_c - t / tau_n) [ms]. (n, 4)
     tables: NDArray[np.float64]
 
 
@@ -176,7 +176,8 @@ def synapse_rule(
             np.exp(-t_ms / synapse.tau_n_ms),
             np.exp(-t_ms / synapse.tau_plus_ms),
             -np.expm1(-rate * t_ms) / rate,
-        ]
+        ],
+        axis=1,
     )
     return SynapseRule(scalars, tables)
 
@@ -292,10 +293,10 @@ def _bring(
         is_spike = k < posts.count[i] and posts.stamp[i, k] + scalars.delay <= to
         at = posts.stamp[i, k] + scalars.delay if is_spike else to
         index = zero + at - time
-        weight += c * (dopamine * tables[1, zero + time]) * tables[3, index]
+        weight += c * dopamine * tables[zero + time, 1] * tables[index, 3]
         weight = min(max(weight, scalars.w_min), scalars.w_max)
-        c *= tables[0, index]
-        k_plus *= tables[2, index]
+        c *= tables[index, 0]
+        k_plus *= tables[index, 2]
         time = at
         if is_spike:
             c += scalars.a_plus * k_plus
@@ -436,7 +437,7 @@ def _run(
         synapses.weight,
         synapses.eligibility,
         synapses.k_plus,
-        dopamine * tables[1, scalars.interval + window],
+        dopamine * tables[scalars.interval + window, 1],
         keep_flying(spikes, handed, window),
         arriving[window:].copy(),
         _keep_posts(posts, window, window - scalars.delay - scalars.interval),
