@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import CheckpointError
 from spikelane_sim.files import write_bytes_atomically, write_text_atomically
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -23,10 +23,6 @@ Arrays = Mapping[str, NDArray[Any]]
 FORMAT = 'spikelane-checkpoint'
 VERSION = 1
 _HEADER = 'spikelane'
-
-
-class CheckpointError(SpikelaneError):
-    """A checkpoint cannot be read, or is not what is wanted."""
 
 
 class Checkpoint(NamedTuple):
@@ -86,23 +82,6 @@ def read_checkpoint(path: Path, controller: str) -> Checkpoint:
         if array.dtype.kind == 'f' and not np.isfinite(array).all():
             raise CheckpointError(f'{file}: {name}: expected finite numbers, got NaN or infinity')
     return Checkpoint(arrays, head['facts'])
-
-
-def check_array(
-    path: Path, arrays: Arrays, name: str, shape: tuple[int, ...]
-) -> NDArray[np.float64]:
-    """Return an array of floats of a checkpoint.
-
-    Raises:
-        CheckpointError: It is not there, or has another shape.
-    """
-    if name not in arrays:
-        raise CheckpointError(f'{path}: expected an array {name}, got {", ".join(arrays)}')
-    if arrays[name].shape != shape:
-        raise CheckpointError(
-            f'{path}: {name}: expected the shape {shape}, got {arrays[name].shape}'
-        )
-    return np.asarray(arrays[name], np.float64)
 
 
 def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

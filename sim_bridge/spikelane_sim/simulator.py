@@ -147,7 +147,12 @@ class Simulator:
         return self._observe(self._pose_now()[None])
 
     def reset(
-        self, lane: str | None = None, seed: int | None = None, *, from_time_zero: bool = False
+        self,
+        lane: str | None = None,
+        seed: int | None = None,
+        *,
+        episode: int = 1,
+        from_time_zero: bool = False,
     ) -> Observation:
         """Place the robot at a lane's start and begin an episode.
 
@@ -156,6 +161,8 @@ class Simulator:
                 sequence begins.
             seed: Not negative. Begins a new sequence of episodes, the same for the same seed;
                 None goes on with the present sequence.
+            episode: Number at which the sequence begins, 1 or more; of use only with a seed, to
+                go on where another run stopped.
             from_time_zero: Simulation time begins again as well; otherwise it goes on.
 
         Raises:
@@ -163,10 +170,12 @@ class Simulator:
         """
         if seed is not None and seed < 0:
             raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
+        if episode < 1:
+            raise SpikelaneError(f'episode: expected a whole number of at least 1, got {episode}')
         lane = self._next_lane(seed is not None) if lane is None else lane
         start = self.course.lane(lane).start
         if seed is not None:
-            self._seed, self._episode = seed, 0
+            self._seed, self._episode = seed, episode - 1
         if from_time_zero:
             self._time_ns = 0
         self._episode += 1

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import pytest
 import yaml
 
-from spikelane.commands.lap import _parameters
+from spikelane.commands.arguments import given_parameters
 from spikelane.lap import make_config
 from spikelane.main import _parser, run
 from spikelane.trajectory import read_csv
@@ -243,16 +243,16 @@ def test_a_folder_in_use_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_parameter_on_the_command_line_is_yaml(text: str, value: object) -> None:
     """But for powers of ten, which people write without a point."""
     options = _parser(['lap']).parse_args(['lap', '--param', f'simulator.x={text}'])
-    parameters = _parameters(options)
+    parameters = given_parameters(options)
     assert parameters == {'simulator.x': value}
     assert type(parameters['simulator.x']) is type(value)
 
 
-def test_options_are_short_for_parameters() -> None:
+def test_options_are_short_forgiven_parameters() -> None:
     """An option wins over the parameter; what is not given is not set."""
     line = ['lap', '--robot', 'kinematic', '--pixels', 'esim', '--no-antialias']
     line += ['--param', 'simulator.robot.model=pybullet']
-    assert _parameters(_parser(line).parse_args(line)) == {
+    assert given_parameters(_parser(line).parse_args(line)) == {
         'simulator.robot.model': 'kinematic',
         'simulator.pixels.model': 'esim',
         'simulator.camera.antialias': False,

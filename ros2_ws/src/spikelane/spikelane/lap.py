@@ -8,57 +8,30 @@ from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
+from spikelane.configuration import Configuration, configure
 from spikelane.figures import draw_lap
 from spikelane.loop import drive_episode
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import lap_name, RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
-from spikelane_controllers.registry import controller_class, make_controller
+from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course, scenario_course
-from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import Simulator, SimulatorParameters
-
-TRANSPORTS = ('ros', 'inprocess')
+from spikelane_sim.course import load_course
+from spikelane_sim.simulator import Simulator
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
 Show = Callable[[int, float], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LapConfig:
+class LapConfig(Configuration):
     """Everything that determines a lap.
 
     Attributes:
-        scenario: Of the paper, '1' to '3', or the name or path of another course.
-        controller: Name in the controllers' registry.
         lane: Name of the lane.
-        seed: Of the simulator's and the controller's randomness.
-        transport: One of TRANSPORTS.
-        simulator: Its parameters; `simulator_parameters` makes them.
-        controller_parameters: Of the controller's own class.
     """
 
-    scenario: str
-    controller: str
     lane: str
-    seed: int
-    transport: str
-    simulator: SimulatorParameters
-    controller_parameters: Parameters
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it under names, ready for YAML."""
-        return {
-            'scenario': self.scenario,
-            'controller': self.controller,
-            'lane': self.lane,
-            'seed': self.seed,
-            'transport': self.transport,
-            'simulator': self.simulator.to_dict(),
-            self.controller: self.controller_parameters.to_dict(),
-        }
 
 
 class DrivenLap(NamedTuple):
@@ -77,46 +50,15 @@ def make_config(
     transport: str,
     parameters: Mapping[str, Any],
 ) -> LapConfig:
-    """Make the configuration of a lap.
-
-    Args:
-        scenario: As in LapConfig.
-        controller: As in LapConfig.
-        lane: None for the course's first.
-        seed: As in LapConfig.
-        transport: As in LapConfig.
-        parameters: Others than the defaults, as `simulator.camera.fov_deg` and
-            `braitenberg.poisson.max_rate_hz`.
+    """Make the configuration of a lap: see `configure`; no lane is the course's first.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    cls = controller_class(controller).parameters_class
-    groups: dict[str, dict[str, Any]] = {
-        'simulator': {'course': scenario_course(scenario)},
-        controller: {},
-    }
-    for name, value in parameters.items():
-        group, _, rest = name.partition('.')
-        if group not in groups:
-            expected = ' or '.join(f'{group}.<name>' for group in groups)
-            raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
-        if name == 'simulator.course' and value != scenario_course(scenario):
-            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
-        groups[group][rest] = value
-    if not 0 <= seed < 2**63:
-        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
-    simulator = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')
-    lanes = load_course(simulator.course)
-    return LapConfig(
-        scenario=scenario,
-        controller=controller,
-        lane=lanes.lane(lane).name if lane else next(iter(lanes.lanes)),
-        seed=seed,
-        transport=transport,
-        simulator=simulator,
-        controller_parameters=cls.from_mapping(groups[controller], controller),
-    )
+    parts = configure(scenario, controller, seed, transport, parameters)
+    course = load_course(parts['simulator'].course)
+    lane = course.lane(lane).name if lane else next(iter(course.lanes))
+    return LapConfig(lane=lane, **parts)
 
 
 def drive_lap(config: LapConfig, show: Show) -> DrivenLap:

@@ -15,6 +15,7 @@ from spikelane_sim.errors import SpikelaneError
 #: Sub-commands and what they are for; each is a module of `spikelane.commands`.
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
+    'train': 'let a controller learn by driving',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

@@ -4,6 +4,8 @@
         config.yaml     everything that determines the run, with seeds and versions
         bag/            what was said on the graph, MCAP
         trajectory.csv  one row per step
+        episodes.csv    one row per episode of a training
+        checkpoint.*    what a training stands at
         metrics.json    what came out
         figures/        drawn from the above
 
@@ -30,6 +32,8 @@ VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet')
 
 class RunFolderError(FileError):
     """A run's folder cannot be made."""
+
+    exit_status = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +86,16 @@ class RunFolder:
     def trajectory(self) -> Path:
         """CSV: one row per step."""
         return self.path / 'trajectory.csv'
+
+    @property
+    def checkpoint(self) -> Path:
+        """Safetensors: what a training stands at."""
+        return self.path / 'checkpoint.safetensors'
+
+    @property
+    def episodes(self) -> Path:
+        """CSV: one row per episode of a training."""
+        return self.path / 'episodes.csv'
 
     @property
     def metrics(self) -> Path:

@@ -1,0 +1,247 @@
+"""Training by driving: a controller that learns, wrapped so that it remembers how it did.
+
+The paper's procedure for R-STDP (section 4.4): the robot drives, is reset when it leaves the lane
+or has completed a lap, and the lanes alternate. In-process and over ROS the same object is given
+the same observations, so that both give the same weights, bit for bit.
+
+A checkpoint is taken every so many steps. It holds the controller's state and the answers given
+since the last reset: a resumed run resets the simulator to that episode, gives those answers once
+more without learning anything, and is then exactly where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from spikelane_controllers.state import State
+from spikelane_sim.contract import Controller, LaneState, Observation, WheelVelocities
+from spikelane_sim.errors import CheckpointError
+from spikelane_sim.parameters import parameter, Parameters
+
+#: Of the names of the controller's arrays in a checkpoint.
+_PREFIX = 'controller.'
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingParameters(Parameters):
+    """How long a training takes and how often it is saved."""
+
+    steps: int = parameter(30_000, 'Steps of 50 ms to drive.', low=1)
+    save_every: int = parameter(
+        100, 'Steps between checkpoints; a kill costs at most these.', low=1
+    )
+
+
+class Termination(NamedTuple):
+    """How an episode ended."""
+
+    step: int  # of the training, when it ended
+    episode: int
+    lane: str
+    section: str
+    position_m: float
+    distance_m: float
+    episode_steps: int
+    reason: str
+
+
+class LearningController(Controller, Protocol):
+    """A controller that can be saved."""
+
+    @property
+    def weights_pa(self) -> NDArray[np.float64]:
+        """Weights [pA], (n_neurons, n_inputs)."""
+
+    def initialise(self, rng: np.random.Generator) -> None:
+        """Forget all; draw initial weights."""
+
+    def state(self) -> State:
+        """Return all that the next steps depend on."""
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Become what `state` returned.
+
+        Raises:
+            SpikelaneError: It is the state of another controller.
+        """
+
+
+class Start(NamedTuple):
+    """The episode that a training begins or goes on with."""
+
+    lane: str | None
+    episode: int
+
+
+class Training:
+    """A learning controller in training; itself a `contract.Controller`.
+
+    Attributes:
+        controller: What learns.
+        steps: Steps driven.
+        terminations: Of all episodes.
+        weight_history: Weights every `save_every` steps, from step 0, each (n_neurons, n_inputs).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        controller: LearningController,
+        parameters: TrainingParameters,
+        config: Mapping[str, Any],
+        checkpoint: Path,
+    ) -> None:
+        """Begin a training; see `resume` for going on with one.
+
+        Args:
+            name: Of the controller, in the registry.
+            controller: Just made.
+            parameters: Of the training.
+            config: What determines it, of JSON's kinds; kept in checkpoints and compared by
+                `resume`.
+            checkpoint: File of the checkpoints, ending in .safetensors.
+        """
+        self.controller = controller
+        self.steps = 0
+        self.terminations: list[Termination] = []
+        self.weight_history = [controller.weights_pa.astype(np.float32)]
+        self._name = name
+        self._parameters = parameters
+        self._config = dict(config)
+        self._checkpoint = checkpoint
+        self._start = Start(None, 1)
+        self._answers: list[WheelVelocities] = []
+        self._n_replayed = 0
+        self._needs_reset = False
+
+    @property
+    def start(self) -> Start:
+        """The episode to reset the simulator to before the first step."""
+        return self._start
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all steps are driven."""
+        return self.steps >= self._parameters.steps
+
+    @property
+    def needs_reset(self) -> bool:
+        """Whether the episode is over, so that the simulator is to be reset to the next lane."""
+        return self._needs_reset
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode, unless it is one that is being repeated to resume."""
+        if not self._is_replaying:
+            self._answers.clear()
+            self._n_replayed = 0
+            self.controller.reset(rng)
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer an observation, and save what is due."""
+        if self._is_replaying:
+            self._n_replayed += 1
+            return self._answers[self._n_replayed - 1]
+        wheels = self.controller.step(observation)
+        lane = observation.lane
+        assert lane is not None  # nobody can be trained without
+        self._start = Start(lane.lane, lane.episode)
+        self._needs_reset = lane.terminated
+        if lane.terminated:
+            self.terminations.append(self._termination(lane))
+            return wheels
+        self._answers.append(wheels)
+        self._n_replayed += 1
+        self.steps += 1
+        if self.steps % self._parameters.save_every == 0:
+            self.weight_history.append(self.controller.weights_pa.astype(np.float32))
+            self.save(sync=self.is_done)
+        return wheels
+
+    def save(self, *, sync: bool = True) -> None:
+        """Write the checkpoint.
+
+        Raises:
+            FileError: It cannot be written.
+        """
+        state = self.controller.state()
+        arrays: dict[str, NDArray[Any]] = {
+            _PREFIX + name: value for name, value in state.items() if isinstance(value, np.ndarray)
+        }
+        arrays['training.answers'] = np.array(self._answers, np.float64).reshape(-1, 2)
+        arrays['training.weight_history'] = np.stack(self.weight_history)
+        numbers = {name: v for name, v in state.items() if not isinstance(v, np.ndarray)}
+        write_checkpoint(
+            self._checkpoint,
+            self._name,
+            arrays,
+            {
+                'config': self._config,
+                'controller': numbers,
+                'steps': self.steps,
+                'lane': self._start.lane,
+                'episode': self._start.episode,
+                'terminations': [list(each) for each in self.terminations],
+            },
+            sync=sync,
+        )
+
+    def resume(self) -> None:
+        """Go on where the checkpoint stands.
+
+        Raises:
+            CheckpointError: There is none that can be read, or it is of another configuration.
+        """
+        checkpoint = read_checkpoint(self._checkpoint, self._name)
+        self._check_config(checkpoint)
+        arrays, facts = checkpoint
+        self.controller.restore(controller_state(checkpoint))
+        answers = arrays['training.answers'].tolist()
+        self.steps = facts['steps']
+        self.terminations = [Termination(*each) for each in facts['terminations']]
+        self.weight_history = list(arrays['training.weight_history'])
+        self._start = Start(facts['lane'], facts['episode'])
+        self._answers = [WheelVelocities(*each) for each in answers]
+        self._n_replayed = 0
+
+    @property
+    def _is_replaying(self) -> bool:
+        return self._n_replayed < len(self._answers)
+
+    def _check_config(self, checkpoint: Checkpoint) -> None:
+        config = checkpoint.facts['config']
+        for name in {**config, **self._config}:
+            if config.get(name) != self._config.get(name):
+                raise CheckpointError(
+                    f'{self._checkpoint}: expected a training with {name} '
+                    f'{self._config.get(name)}, got one with {config.get(name)}'
+                )
+
+    def _termination(self, lane: LaneState) -> Termination:
+        return Termination(
+            step=self.steps,
+            episode=lane.episode,
+            lane=lane.lane,
+            section=lane.section,
+            position_m=lane.position_m,
+            distance_m=lane.distance_m,
+            episode_steps=lane.step,
+            reason=lane.reason,
+        )
+
+
+def controller_state(checkpoint: Checkpoint) -> State:
+    """Return the controller's own state."""
+    state: State = {
+        name.removeprefix(_PREFIX): array
+        for name, array in checkpoint.arrays.items()
+        if name.startswith(_PREFIX)
+    }
+    state.update(checkpoint.facts['controller'])
+    return state

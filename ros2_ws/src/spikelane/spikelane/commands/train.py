@@ -1,0 +1,99 @@
+"""`spikelane train`: a controller learns by driving."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
+from spikelane.lap import Show
+from spikelane.run_folder import RunFolder
+from spikelane.training import make_config, report_training, train, TrainConfig
+from spikelane_controllers.training import Training, TrainingParameters
+from spikelane_sim.errors import SpikelaneError
+
+LEARNING = ('rstdp',)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('controller', choices=LEARNING, help='what learns')
+    parser.add_argument(
+        '--steps',
+        type=int,
+        default=TrainingParameters.steps,
+        help=f'steps of 50 ms to drive (default: {TrainingParameters.steps})',
+    )
+    parser.add_argument(
+        '--resume', action='store_true', help='go on with the training in the folder'
+    )
+    add_configuration_arguments(parser)
+    parser.set_defaults(transport='inprocess')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train.
+
+    Returns:
+        0.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    config = make_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        options.transport,
+        given_parameters(options),
+        options.steps,
+    )
+    folder = _folder(config, options.out, options.resume)
+    start_s = time.monotonic()
+    with progress(options.json) as show:
+        training = _train(config, folder, show, options.resume)
+    wall_time_s = None if options.resume else time.monotonic() - start_s
+    result = report_training(config, training, folder, wall_time_s)
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0
+
+
+def _folder(config: TrainConfig, out: Path | None, resume: bool) -> RunFolder:
+    name = f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}'
+    path = out or Path('runs') / name
+    if resume:
+        return RunFolder(path)
+    folder = RunFolder.create(path, numbered=out is None)
+    folder.write_config(config.to_dict())
+    return folder
+
+
+def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> Training:
+    if config.transport == 'inprocess':
+        return train(config, folder, show, resume=resume)
+    try:
+        # Here and not above: training in-process must work where there is no ROS.
+        from spikelane.nodes.training import train_over_ros
+    except ImportError as error:
+        raise SpikelaneError(
+            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
+        ) from None
+    training: Training = train_over_ros(config, folder, show, resume=resume)
+    return training
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    laps = ', '.join(f'{count} {lane}' for lane, count in result['laps_since'].items()) or 'none'
+    lines = {
+        'steps': f'{result["steps"]}',
+        'lane lost': f'{result["lane_losses"]} times, the last at step '
+        f'{result["last_lane_loss_step"]}',
+        'laps since': laps,
+        'checkpoint': result['checkpoint'],
+        'figures': ', '.join(result['figures']),
+    }
+    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())

@@ -1,0 +1,101 @@
+"""What determines a run: scenario, controller, seed, transport and all parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from typing import Any, TypedDict
+
+from spikelane_controllers.registry import controller_class
+from spikelane_sim.course import scenario_course
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import Parameters
+from spikelane_sim.simulator import SimulatorParameters
+
+TRANSPORTS = ('ros', 'inprocess')
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """What determines any run.
+
+    Attributes:
+        scenario: Of the paper, '1' to '3', or the name or path of another course.
+        controller: Name in the controllers' registry.
+        seed: Of the simulator's and the controller's randomness.
+        transport: One of TRANSPORTS.
+        simulator: Its parameters.
+        controller_parameters: Of the controller's own class.
+    """
+
+    scenario: str
+    controller: str
+    seed: int
+    transport: str
+    simulator: SimulatorParameters
+    controller_parameters: Parameters
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it under names, ready for YAML."""
+        values = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if field.name != 'controller_parameters'
+        }
+        values[self.controller] = self.controller_parameters
+        return {
+            name: value.to_dict() if isinstance(value, Parameters) else value
+            for name, value in values.items()
+        }
+
+
+class ConfigurationParts(TypedDict):
+    """The fields of a `Configuration`, checked."""
+
+    scenario: str
+    controller: str
+    seed: int
+    transport: str
+    simulator: SimulatorParameters
+    controller_parameters: Parameters
+
+
+def configure(
+    scenario: str, controller: str, seed: int, transport: str, parameters: Mapping[str, Any]
+) -> ConfigurationParts:
+    """Check what determines a run.
+
+    Args:
+        scenario: As in Configuration.
+        controller: As in Configuration.
+        seed: As in Configuration.
+        transport: As in Configuration.
+        parameters: Others than the defaults, as `simulator.camera.fov_deg` and
+            `braitenberg.poisson.max_rate_hz`.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    cls = controller_class(controller).parameters_class
+    groups: dict[str, dict[str, Any]] = {
+        'simulator': {'course': scenario_course(scenario)},
+        controller: {},
+    }
+    for name, value in parameters.items():
+        group, _, rest = name.partition('.')
+        if group not in groups:
+            expected = ' or '.join(f'{group}.<name>' for group in groups)
+            raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
+        if name == 'simulator.course' and value != scenario_course(scenario):
+            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
+        groups[group][rest] = value
+    if not 0 <= seed < 2**63:
+        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
+    return {
+        'scenario': scenario,
+        'controller': controller,
+        'seed': seed,
+        'transport': transport,
+        'simulator': SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
+        'controller_parameters': cls.from_mapping(groups[controller], controller),
+    }

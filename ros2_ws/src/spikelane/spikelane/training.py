@@ -1,0 +1,183 @@
+"""Training a controller: what determines it, training in-process, and what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import csv
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any, cast
+
+from spikelane.configuration import Configuration, configure
+from spikelane.lap import Show
+from spikelane.run_folder import RunFolder
+from spikelane_controllers.registry import make_controller
+from spikelane_controllers.training import (
+    LearningController,
+    Termination,
+    Training,
+    TrainingParameters,
+)
+from spikelane_sim.contract import controller_rng, TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
+from spikelane_sim.files import write_text_atomically
+from spikelane_sim.simulator import Simulator
+
+#: What training differs in from driving a lap (paper section 4.4).
+TRAINING_DEFAULTS = {
+    'simulator.episode.max_distance_m': 0.2,
+    'simulator.episode.max_laps': 1,
+    'rstdp.learning': True,
+}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainConfig(Configuration):
+    """Everything that determines a training.
+
+    Attributes:
+        training: How long it takes and how often it is saved.
+    """
+
+    training: TrainingParameters
+
+
+def make_config(
+    scenario: str,
+    controller: str,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+    steps: int,
+) -> TrainConfig:
+    """Make the configuration of a training: see `configure`; `steps` are those to drive.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    parts = configure(scenario, controller, seed, transport, TRAINING_DEFAULTS | dict(parameters))
+    return TrainConfig(training=TrainingParameters(steps=steps), **parts)
+
+
+def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
+    """Make the controller in training, new or as its last checkpoint left it.
+
+    Raises:
+        SpikelaneError: There is no checkpoint to resume from, or of another training.
+    """
+    values = config.controller_parameters.to_dict()
+    controller = cast(LearningController, make_controller(config.controller, values))
+    # Episodes count from 1, so that 0 is free for the weights before the first.
+    controller.initialise(controller_rng(config.seed, 0))
+    training = Training(
+        config.controller,
+        controller,
+        config.training,
+        _identity(config),
+        folder.checkpoint,
+    )
+    if resume:
+        training.resume()
+    return training
+
+
+def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -> Training:
+    """Train in this process.
+
+    Args:
+        config: What to train.
+        folder: Where checkpoints go.
+        show: Called after every step.
+        resume: Whether to go on from the folder's checkpoint.
+
+    Raises:
+        SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
+    """
+    training = make_training(config, folder, resume=resume)
+    with Simulator(config.simulator) as simulator:
+        lane, episode = training.start
+        observation = simulator.reset(lane, config.seed, episode=episode)
+        while not training.is_done:
+            state = observation.lane
+            assert state is not None  # a simulator always knows it
+            if state.step == 0:
+                training.reset(controller_rng(config.seed, state.episode))
+            wheels = training.step(observation)
+            show(training.steps, state.progress_m)
+            observation = simulator.reset() if state.terminated else simulator.step(wheels)
+    training.save()
+    return training
+
+
+def report_training(
+    config: TrainConfig, training: Training, folder: RunFolder, wall_time_s: float | None
+) -> dict[str, Any]:
+    """Write the terminations, metrics and figures of a training.
+
+    Returns:
+        The metrics and where everything is, ready for JSON.
+    """
+    from spikelane.figures.training import draw_terminations, draw_weights
+
+    _write_episodes(training.terminations, folder.episodes)
+    figures = [
+        *draw_weights(training, folder.figures / 'weights'),
+        *draw_terminations(training, folder.figures / 'terminations'),
+    ]
+    result = {
+        'scenario': config.scenario,
+        'controller': config.controller,
+        'seed': config.seed,
+        'transport': config.transport,
+        'robot': config.simulator.robot.model,
+        'pixels': config.simulator.pixels.model,
+        'antialias': config.simulator.camera.antialias,
+        **training_metrics(training),
+        'wall_time_s': wall_time_s,
+        'folder': str(folder.path),
+        'checkpoint': str(folder.checkpoint),
+        'figures': [str(figure) for figure in figures],
+    }
+    folder.write_metrics(result)
+    return result
+
+
+def training_metrics(training: Training) -> dict[str, Any]:
+    """Measure a training.
+
+    Returns:
+        steps: Steps driven.
+        episodes: Episodes ended.
+        lane_losses: Those that ended with the lane lost.
+        last_lane_loss_step: Step of the last of them, 0 where there was none.
+        laps_since: Laps completed after it, by lane.
+    """
+    lost = [each for each in training.terminations if each.reason == TERMINATED_LANE_LOST]
+    last = lost[-1].step if lost else 0
+    since = [
+        each.lane
+        for each in training.terminations
+        if each.reason == TERMINATED_LAPS_COMPLETE and each.step > last
+    ]
+    return {
+        'steps': training.steps,
+        'episodes': len(training.terminations),
+        'lane_losses': len(lost),
+        'last_lane_loss_step': last,
+        'laps_since': {lane: since.count(lane) for lane in sorted(set(since))},
+    }
+
+
+def _identity(config: TrainConfig) -> dict[str, Any]:
+    """Return what must be the same to go on with a training: all but where and how long."""
+    values = config.to_dict()
+    del values['transport'], values['training']
+    return {**values, 'save_every': config.training.save_every}
+
+
+def _write_episodes(terminations: list[Termination], path: Path) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(Termination._fields)
+    writer.writerows(terminations)
+    write_text_atomically(path, text.getvalue())
