@@ -1,0 +1,132 @@
+"""Our learning synapses against NEST's: the same network and inputs, the time of a step."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane.bench.unavailable import BenchmarkUnavailableError
+from spikelane_controllers.plasticity import (
+    resting_plastic_state,
+    run_plastic_network,
+    synapse_rule,
+    SynapseParameters,
+)
+from spikelane_controllers.poisson import poisson_spikes
+from spikelane_controllers.spiking import (
+    DelayParameters,
+    GRID_STEPS,
+    neuron_constants,
+    NeuronParameters,
+    Spikes,
+)
+from spikelane_sim.errors import SpikelaneError
+
+NEST_VERSION = '3.10.0'
+NEURONS, INPUTS = 2, 32
+
+#: Spikes of all inputs in a second: about what the paper's camera causes on its course.
+INPUT_RATE_HZ = 560.0
+
+
+class Task(NamedTuple):
+    """What both simulate."""
+
+    weights_pa: NDArray[np.float64]  # at the start
+    inputs: list[Spikes]  # of each window
+    dopamine: NDArray[np.float64]  # (n_windows, n_neurons)
+
+
+def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
+    """Run the R-STDP network of the paper in NEST and here, in windows of 50 ms.
+
+    Args:
+        windows: How many.
+        seed: Of inputs, weights and reward.
+
+    NEST has two ways to set dopamine that differ much in time; it is given the quicker one.
+
+    Returns:
+        `ratio`, NEST's time of a window over ours, dopamine set in both; `ratio_slow_set`, the
+        same with NEST's slower way; `ratio_simulate`, without NEST's setting the dopamine; the
+        medians of the times, `ours_us`, `nest_us` and `nest_simulate_us`; and how well both
+        agree, `same_spikes` and `weight_difference_pa`.
+
+    Raises:
+        BenchmarkUnavailableError: NEST is not installed.
+        SpikelaneError: NEST failed.
+    """
+    if importlib.util.find_spec('nest') is None:
+        raise BenchmarkUnavailableError(
+            f'expected NEST to compare with, it is missing: pip install '
+            f'nest-simulator=={NEST_VERSION}'
+        )
+    task = _make_task(windows, seed)
+    fired, weights_pa, ours_us = _run_ours(task)
+    nest = _run_nest(task)
+    nest_us = nest['simulate_us'] + nest['set_us']
+    quick_us, slow_us, simulate_us = (
+        float(np.median(times)) for times in (nest_us[::2], nest_us[1::2], nest['simulate_us'])
+    )
+    return {
+        'ratio': quick_us / ours_us,
+        'ratio_slow_set': slow_us / ours_us,
+        'ratio_simulate': simulate_us / ours_us,
+        'ours_us': ours_us,
+        'nest_us': quick_us,
+        'nest_simulate_us': simulate_us,
+        'same_spikes': fired == sorted(map(tuple, nest['fired'].tolist())),
+        'weight_difference_pa': float(np.abs(weights_pa - nest['weights_pa']).max()),
+    }
+
+
+def _make_task(windows: int, seed: int) -> Task:
+    rng = np.random.default_rng(seed)
+    rates_hz = np.full(INPUTS, INPUT_RATE_HZ / INPUTS)
+    reward = 0.01 * rng.normal(0.0, 0.03, windows)
+    return Task(
+        rng.uniform(200.0, 600.0, (NEURONS, INPUTS)),
+        [poisson_spikes(rates_hz, rng) for _ in range(windows)],
+        np.stack([-reward, reward], axis=-1),
+    )
+
+
+def _run_ours(task: Task) -> tuple[list[tuple[int, int]], NDArray[np.float64], float]:
+    """Return the spikes, the last weights, and the median time of a window [us]."""
+    delays = DelayParameters()
+    constants = neuron_constants(NeuronParameters())
+    rule = synapse_rule(SynapseParameters(), delays)
+    state = resting_plastic_state(task.weights_pa, delays)
+    run_plastic_network(state, task.inputs[0], constants, rule)  # compiles
+    spikes, times_us = [], []
+    for window, inputs in enumerate(task.inputs):
+        start = time.perf_counter()
+        state = state._replace(dopamine=task.dopamine[window])
+        state, fired = run_plastic_network(state, inputs, constants, rule)
+        times_us.append((time.perf_counter() - start) * 1e6)
+        spikes += [(step + window * GRID_STEPS, neuron) for step, neuron in fired.tolist()]
+    return sorted(spikes), state.weights_pa, float(np.median(times_us))
+
+
+def _run_nest(task: Task) -> dict[str, NDArray[Any]]:
+    steps = [inputs['step'] + k * GRID_STEPS for k, inputs in enumerate(task.inputs)]
+    sources = [inputs['source'] for inputs in task.inputs]
+    spikes = np.column_stack([np.concatenate(steps), np.concatenate(sources)])
+    with tempfile.TemporaryDirectory() as folder:
+        given, result = Path(folder, 'given.npz'), Path(folder, 'result.npz')
+        np.savez(given, weights_pa=task.weights_pa, spikes=spikes, dopamine=task.dopamine)
+        script = Path(__file__).with_name('nest_plasticity.py')
+        command = [sys.executable, str(script), str(given), str(result)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise SpikelaneError(f'NEST failed: {(done.stdout + done.stderr).strip()[-500:]}')
+        with np.load(result) as read:
+            return dict(read)
