@@ -78,8 +78,16 @@ def own_domain() -> Iterator[dict[str, str]]:
     Yields:
         The environment variables that keep processes in it.
     """
+    before = dict(os.environ)
     with domain_id() as domain:
-        yield {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        own = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        # The supervisor reads them in this process, else it would meet other machines' nodes.
+        os.environ |= own
+        try:
+            yield own
+        finally:
+            os.environ.clear()
+            os.environ |= before
 
 
 def _drive(config: LapConfig, folder: RunFolder, show: Show, *, is_recorded: bool) -> float:
