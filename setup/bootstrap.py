@@ -260,10 +260,19 @@ def build_workspace(state: dict[str, Any], ros: Ros) -> None:
         return
     paths = [str(path.relative_to(WORKSPACE)) for path in packages]
     with step(f'building {", ".join(path.name for path in packages)}'):
+        remove_dangling_links()
         run(_colcon(paths, ros), 'colcon', _without_make(os.environ))
         repair_executables()
     state['packages'] |= {str(path.relative_to(WORKSPACE)): packages[path] for path in packages}
     write_state(state)
+
+
+def remove_dangling_links() -> None:
+    """Forget files that are no longer in the source, at which setuptools would fail."""
+    for folder in ('build', 'install'):
+        for path in (WORKSPACE / folder).rglob('*'):
+            if path.is_symlink() and not path.exists():
+                path.unlink()
 
 
 def repair_executables() -> None:
@@ -387,16 +396,24 @@ def run(command: Sequence[str], name: str, variables: Mapping[str, str]) -> None
     """
     VENV.mkdir(exist_ok=True)
     log = VENV / f'{name}.log'
-    with log.open('wb') as output:
-        status = subprocess.run(
+    with (
+        log.open('wb') as output,
+        subprocess.Popen(
             command,
             cwd=ROOT,
             env=variables,
+            stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
             close_fds=False,
-            check=False,
-        ).returncode
+            start_new_session=True,
+        ) as child,
+    ):
+        try:
+            status = child.wait()
+        except KeyboardInterrupt:
+            os.killpg(child.pid, signal.SIGTERM)  # it has started others
+            raise
     if status == 0:
         return
     text = log.read_text(errors='replace')
