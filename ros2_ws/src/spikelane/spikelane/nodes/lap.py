@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
+import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -21,6 +22,7 @@ from spikelane.executables import find_executable
 from spikelane.lap import DrivenLap, LapConfig, Show
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder, write_yaml
+from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
 from spikelane_sim.errors import SpikelaneError
 
@@ -56,7 +58,9 @@ def drive_lap_over_ros(config: LapConfig, folder: RunFolder, show: Show) -> Driv
         SpikelaneError: A node ended or fell silent, or the recording is not complete.
     """
     wall_time_s = _drive(config, folder, show, is_recorded=True)
-    return DrivenLap(read_trajectory(folder.bag), wall_time_s, folder.bag)
+    trajectory = read_trajectory(folder.bag)
+    _check_complete(trajectory)
+    return DrivenLap(trajectory, wall_time_s, folder.bag)
 
 
 def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
@@ -196,6 +200,17 @@ class _Supervisor:
         for status in message.status:
             if status.name == 'simulator':
                 self._values = {pair.key: pair.value for pair in status.values}
+
+
+def _check_complete(trajectory: Trajectory) -> None:
+    observations = int(trajectory.step[-1]) + 1
+    # Nobody waits for the answer to the last one.
+    unanswered = int(np.isnan(trajectory.left_rad_s[:-1]).sum())
+    if len(trajectory) < observations or unanswered:
+        raise ProcessError(
+            f'the recording has {len(trajectory)} of {observations} observations and lacks '
+            f'{unanswered} answers: the machine is too busy'
+        )
 
 
 def _check_endings(processes: Processes) -> None:
