@@ -23,8 +23,8 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
-#: Lockstep waits for the controller alone. Whoever else listens may be kept from it for a second or
-#: two by a busy machine, and must then find what it has missed.
+#: Lockstep waits for the controller alone. Whoever else listens may be kept from it for a second
+#: by a busy machine, and must then find what it has missed.
 KEPT_STEPS = 1000
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
