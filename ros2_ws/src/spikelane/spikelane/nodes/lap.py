@@ -29,6 +29,7 @@ from spikelane_sim.errors import SpikelaneError
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
 STALL_DEADLINE_S = 60.0
+LAST_ANSWER_S = 5.0
 
 #: Recorded in this order; the recorder being matched to the last of a node means to all.
 TOPICS = (
@@ -177,13 +178,18 @@ class _Supervisor:
 
     def _watch(self, show: Show) -> None:
         step, changed_s = -1, time.monotonic()
-        while self._values.get('terminated') != 'True':
+        while not self._is_over(time.monotonic() - changed_s):
             self._spin()
             if (now := int(self._values.get('step', -1))) != step:
                 step, changed_s = now, time.monotonic()
                 show(step, float(self._values.get('progress_m', 0.0)))
             if time.monotonic() - changed_s > STALL_DEADLINE_S:
                 raise ProcessError(f'no step was taken for {STALL_DEADLINE_S:g} s')
+
+    def _is_over(self, quiet_s: float) -> bool:
+        """Return whether the episode is over and its last observation answered, as it should."""
+        is_answered = self._values.get('answered') == 'True' or quiet_s > LAST_ANSWER_S
+        return is_answered and self._values.get('terminated') == 'True'
 
     def _wait_for(self, what: str, is_there: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + START_DEADLINE_S
