@@ -323,7 +323,8 @@ def test_simulation_time_becomes_the_log_time(graph: Graph) -> None:
     publisher = graph.publisher(Float64, 'x')
     process = graph.record({'topics': '["/x", "/clock"]', 'use_sim_time': 'true'})
     wait_until(publisher.get_subscription_count)
-    wait_until(clock.get_subscription_count)
+    # The recording's, and the one by which every node follows simulation time.
+    wait_until(lambda: clock.get_subscription_count() == 2)
     for step in range(1, 6):
         clock.publish(Clock(clock=Time(sec=step)))
         wait_until(lambda step=step: count_in(graph.bag, '/clock') == step)
