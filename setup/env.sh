@@ -1,29 +1,25 @@
-# The environment in which Spikelane runs; in bash: source setup/env.sh
-# Where no ROS is installed, ROS comes from wheels in .venv, whose libraries the loader must find.
+# The environment in which Spikelane runs. In bash: source setup/env.sh
+source "$(dirname "${BASH_SOURCE[0]}")/underlay.sh"
 _root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
-_venv=$_root/.venv
 
-export VIRTUAL_ENV=$_venv
-case ":$PATH:" in *":$_venv/bin:"*) ;; *) export PATH=$_venv/bin:$PATH ;; esac
-
-if [ -d "$_venv/share/rclpy" ]; then
-  _libs=$_venv/lib$(printf ':%s' "$_venv"/lib/python3.*/site-packages/ros_*.libs)
-  case ":$LD_LIBRARY_PATH:" in
-    *":$_libs:"*) ;;
-    *) export LD_LIBRARY_PATH=$_libs${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH} ;;
-  esac
-  # The libraries are found: keep the wheels from starting Python a second time to find them.
-  export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
-  export AMENT_PREFIX_PATH=$_venv CMAKE_PREFIX_PATH=$_venv
-  export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3
-  export RMW_IMPLEMENTATION=rmw_fastrtps_cpp
-  unset _libs
+# With it nodes find each other in half a second instead of three. A profile of yours is kept.
+if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ]; then
+  export FASTRTPS_DEFAULT_PROFILES_FILE=$_root/ros2_ws/src/spikelane/config/fastdds.xml
 fi
 
-_profile=$_root/ros2_ws/src/spikelane/config/fastdds.xml
-if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ] && [ -f "$_profile" ]; then
-  export FASTRTPS_DEFAULT_PROFILES_FILE=$_profile
-fi
-
-[ ! -f "$_root/ros2_ws/install/local_setup.bash" ] || . "$_root/ros2_ws/install/local_setup.bash"
-unset _root _venv _profile
+# What ros2_ws/install/local_setup.bash does, but in no time, and in paths with spaces too.
+for _prefix in "$_root"/ros2_ws/install "$_root"/ros2_ws/install/*; do
+  if [ -d "$_prefix/share/ament_index" ]; then
+    _prepend AMENT_PREFIX_PATH "$_prefix"
+    _prepend LD_LIBRARY_PATH "$_prefix/lib"
+    for _path in "$_prefix"/lib/python3.*/site-packages; do
+      _prepend PYTHONPATH "$_path"
+    done
+  fi
+done
+# Python packages are linked: their modules and entry points are found by way of build/.
+for _path in "$_root"/ros2_ws/build/*/*.egg-info; do
+  _prepend PYTHONPATH "${_path%/*}"
+done
+unset _root _prefix _path
+unset -f _prepend

@@ -122,6 +122,12 @@ class Stepper:
             time_ns = 0 if self._state is RunState.STOPPED else self._simulator.time_ns
             return time_ns, self._simulator.robot_state
 
+    @property
+    def is_answered(self) -> bool:
+        """Whether the last observation has been answered; the last of an episode is, too."""
+        with self._lock:
+            return self._answer is not None
+
     def begin(
         self,
         lane: str | None = None,

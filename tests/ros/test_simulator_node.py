@@ -62,16 +62,25 @@ class Driver:
         self.status: dict[str, str] = {}
         self.handled = 0
         node = graph.node
-        for topics, qos in ((LATCHED_TOPICS, LATCHED), (STEP_TOPICS, 100)):
+        topics_of_steps = {k: v for k, v in STEP_TOPICS.items() if k != 'event_camera/events'}
+        for topics, qos in ((LATCHED_TOPICS, LATCHED), (topics_of_steps, 100)):
             for name, kind in topics.items():
                 self.seen[name] = []
                 node.create_subscription(kind, self.name(name), self.seen[name].append, qos)
+        self.seen['event_camera/events'] = []
+        packets = self.name('event_camera/events')
+        node.create_subscription(EventPacket, packets, self._on_packet, 100)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.wheels = node.create_publisher(WheelVelocities, self.name('wheel_velocities'), 10)
 
     def name(self, topic: str) -> str:
         """Return a topic's or service's name in the simulator's namespace."""
         return topic if topic.startswith('/') else f'{self._namespace}/{topic}'
+
+    def _on_packet(self, message: EventPacket) -> None:
+        # One that waits is sent again to whoever joins.
+        if not self.packets or self.packets[-1].seq != message.seq:
+            self.packets.append(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.diagnostics = message.status[0]

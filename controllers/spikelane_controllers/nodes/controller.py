@@ -26,9 +26,11 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.topics import KEPT_STEPS
 from spikelane_sim.parameters import parameter, Parameters
 
 RELIABLE_10 = QoSProfile(depth=10)
+KEPT_ANSWERS = QoSProfile(depth=KEPT_STEPS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,11 +84,11 @@ class ControllerNode(Node):
             controller=name, neurons=list(getattr(self._controller, 'neurons', ()))
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
-        self._states = self.create_publisher(ControllerState, 'controller/state', RELIABLE_10)
+        self._states = self.create_publisher(ControllerState, 'controller/state', KEPT_ANSWERS)
         self._wheels = self.create_publisher(
             WheelVelocities,
             'wheel_velocities',
-            RELIABLE_10,
+            KEPT_ANSWERS,
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._send_answer()),
         )
         self._observations = DirectSubscriptions(self)

@@ -28,9 +28,10 @@ class SimulatorDiagnostics:
         self._last = (self._clock.now().nanoseconds, 0)
         self._counts = CommandCounts()
         self._was_terminated = False
+        self._was_answered = False
 
     def notice(self) -> None:
-        """Report what the last step brought: a command not taken as given, an episode's end."""
+        """Report what is new: a command not taken as given, an episode's end, its last answer."""
         counts = self._simulator.command_counts
         if counts != self._counts:
             self._report(counts)
@@ -42,7 +43,10 @@ class SimulatorDiagnostics:
                 f'{lane.reason}'
             )
             self.publish()
+        elif is_terminated and self._stepper.is_answered and not self._was_answered:
+            self.publish()
         self._was_terminated = is_terminated
+        self._was_answered = is_terminated and self._stepper.is_answered
 
     def publish(self) -> None:
         """Publish the state of the simulation."""
@@ -69,6 +73,7 @@ class SimulatorDiagnostics:
             'commands_not_finite': counts.not_finite,
             'commands_clipped': counts.clipped,
             'commands_ignored': self._stepper.ignored_commands,
+            'answered': self._stepper.is_answered,
         }
         lane = self._simulator.lane_state
         return values | (_lane_values(lane) if lane is not None else {})

@@ -128,6 +128,7 @@ class SimulatorNode(Node):
     def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
         stamp_ns = conversions.to_stamp_ns(message.header.stamp)
         self._stepper.command(stamp_ns, conversions.wheels_from_message(message))
+        self._diagnostics.notice()
 
     def _take_usual_commands(self, is_stamped: bool) -> None:
         commands = 'wheel_velocity_controller/commands'

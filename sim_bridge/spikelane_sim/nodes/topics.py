@@ -23,7 +23,9 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
-RELIABLE_10 = QoSProfile(depth=10)
+#: Lockstep waits for the controller alone. Whoever else listens may be kept from it for a second
+#: by a busy machine, and must then find what it has missed.
+KEPT_STEPS = 1000
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -55,7 +57,7 @@ class SimulatorTopics:
         publish = partial(self._publisher, node)
         self._optional = (
             (publish(Clock, '/clock'), self._fill_clock),
-            (publish(TFMessage, '/tf', depth=100), self._fill_tf),
+            (publish(TFMessage, '/tf'), self._fill_tf),
             (publish(Odometry, 'ground_truth/odom'), self._fill_odometry),
             (publish(JointState, 'joint_states'), self._fill_joint_state),
             (publish(Float64, 'lane/distance'), self._fill_distance),
@@ -66,7 +68,7 @@ class SimulatorTopics:
         self._events = node.create_publisher(
             EventPacket,
             'event_camera/events',
-            RELIABLE_10,
+            QoSProfile(depth=KEPT_STEPS),
             event_callbacks=PublisherEventCallbacks(matched=lambda _: on_match()),
         )
         self._tf_static.publish(
@@ -117,8 +119,8 @@ class SimulatorTopics:
         self._lane.header.frame_id = conversions.WORLD_FRAME
 
     @staticmethod
-    def _publisher(node: Node, kind: type, topic: str, depth: int = 10) -> Any:
-        return node.create_publisher(kind, topic, QoSProfile(depth=depth))
+    def _publisher(node: Node, kind: type, topic: str) -> Any:
+        return node.create_publisher(kind, topic, QoSProfile(depth=KEPT_STEPS))
 
     @property
     def _robot(self) -> RobotState:

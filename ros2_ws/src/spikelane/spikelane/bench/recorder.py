@@ -22,15 +22,12 @@ _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 20.0
 
 
-def measure_recorder(
-    messages_per_s: float = 1000, seconds: float = 5, domain_id: int = 43
-) -> dict[str, Any]:
+def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[str, Any]:
     """Record messages that another process publishes on four topics, round robin.
 
     Args:
         messages_per_s: Of all topics together.
         seconds: How long.
-        domain_id: ROS domain, which nobody else should use meanwhile.
 
     Returns:
         `messages_per_s` (reached), `sent`, `recorded`, `lost`, `cpu_us_per_message` (processor
@@ -40,12 +37,14 @@ def measure_recorder(
     Raises:
         BagError: One of the processes failed.
     """
-    environment = {
-        **os.environ,
-        'ROS_DOMAIN_ID': str(domain_id),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-    with tempfile.TemporaryDirectory(prefix='spikelane_bench_') as folder:
+    # Here and not above: the other measurements must work where there is no ROS.
+    from spikelane.nodes.lap import own_domain
+
+    with (
+        own_domain() as domain,
+        tempfile.TemporaryDirectory(prefix='spikelane_bench_') as folder,
+    ):
+        environment = os.environ | domain
         bag = Path(folder) / 'bag'
         topics = [f'/load_{number}' for number in range(len(SIZES))]
         recorder = _start('recorder', {'output': str(bag), 'topics': topics}, environment)

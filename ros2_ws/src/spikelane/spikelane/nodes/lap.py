@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
+import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -21,6 +22,7 @@ from spikelane.executables import find_executable
 from spikelane.lap import DrivenLap, LapConfig, Show
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
+from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_yaml
@@ -28,6 +30,7 @@ from spikelane_sim.files import write_yaml
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
 STALL_DEADLINE_S = 60.0
+LAST_ANSWER_S = 5.0
 
 #: Recorded in this order; the recorder being matched to the last of a node means to all.
 TOPICS = (
@@ -57,7 +60,9 @@ def drive_lap_over_ros(config: LapConfig, folder: RunFolder, show: Show) -> Driv
         SpikelaneError: A node ended or fell silent, or the recording is not complete.
     """
     wall_time_s = _drive(config, folder, show, is_recorded=True)
-    return DrivenLap(read_trajectory(folder.bag), wall_time_s, folder.bag)
+    trajectory = read_trajectory(folder.bag)
+    _check_complete(trajectory)
+    return DrivenLap(trajectory, wall_time_s, folder.bag)
 
 
 def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
@@ -79,8 +84,16 @@ def own_domain() -> Iterator[dict[str, str]]:
     Yields:
         The environment variables that keep processes in it.
     """
+    before = dict(os.environ)
     with domain_id() as domain:
-        yield {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        own = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        # The supervisor reads them in this process, else it would meet other machines' nodes.
+        os.environ |= own
+        try:
+            yield own
+        finally:
+            os.environ.clear()
+            os.environ |= before
 
 
 def _drive(config: LapConfig, folder: RunFolder, show: Show, *, is_recorded: bool) -> float:
@@ -166,13 +179,18 @@ class _Supervisor:
 
     def _watch(self, show: Show) -> None:
         step, changed_s = -1, time.monotonic()
-        while self._values.get('terminated') != 'True':
+        while not self._is_over(time.monotonic() - changed_s):
             self._spin()
             if (now := int(self._values.get('step', -1))) != step:
                 step, changed_s = now, time.monotonic()
                 show(step, float(self._values.get('progress_m', 0.0)))
             if time.monotonic() - changed_s > STALL_DEADLINE_S:
                 raise ProcessError(f'no step was taken for {STALL_DEADLINE_S:g} s')
+
+    def _is_over(self, quiet_s: float) -> bool:
+        """Return whether the episode is over and its last observation answered, as it should."""
+        is_answered = self._values.get('answered') == 'True' or quiet_s > LAST_ANSWER_S
+        return is_answered and self._values.get('terminated') == 'True'
 
     def _wait_for(self, what: str, is_there: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + START_DEADLINE_S
@@ -189,6 +207,17 @@ class _Supervisor:
         for status in message.status:
             if status.name == 'simulator':
                 self._values = {pair.key: pair.value for pair in status.values}
+
+
+def _check_complete(trajectory: Trajectory) -> None:
+    observations = int(trajectory.step[-1]) + 1
+    # Nobody waits for the answer to the last one.
+    unanswered = int(np.isnan(trajectory.left_rad_s[:-1]).sum())
+    if len(trajectory) < observations or unanswered:
+        raise ProcessError(
+            f'the recording has {len(trajectory)} of {observations} observations and lacks '
+            f'{unanswered} answers: the machine is too busy'
+        )
 
 
 def _check_endings(processes: Processes) -> None:

@@ -1,0 +1,31 @@
+# Spikelane in two commands: `make run` drives a lap, `make test` checks everything.
+# Both set up what is missing first; PYTHON=/path/to/python3 chooses the Python.
+SHELL := /bin/bash
+CORE := sim_bridge/spikelane_sim controllers/spikelane_controllers ros2_ws/src/spikelane/spikelane
+
+.PHONY: help run test setup clean
+
+help:
+	@echo 'make run    drive a lap of scenario 1: simulator and controller as ROS 2 nodes, recorded'
+	@echo 'make test   ruff, mypy and all tests'
+	@echo 'make setup  only set up what is missing for running'
+	@echo 'make clean  remove the environment and everything built; runs/ is kept'
+
+run:
+	@./spikelane lap --scenario 1 --controller braitenberg --lane outer --seed 1
+
+test:
+	@setup/bootstrap test
+	@source setup/env.sh; status=0; \
+	ruff check . || status=1; \
+	ruff format --check . || status=1; \
+	mypy $(CORE) || status=1; \
+	mypy --no-explicit-package-bases setup/bootstrap.py || status=1; \
+	python -m pytest || status=1; \
+	exit $$status
+
+setup:
+	@setup/bootstrap run
+
+clean:
+	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log

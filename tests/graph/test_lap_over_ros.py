@@ -1,0 +1,198 @@
+"""`spikelane lap` over ROS: what it leaves, and that it is the lap driven in-process."""
+
+from collections import Counter
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any, NamedTuple
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import pytest
+from rosbags.highlevel import AnyReader
+import yaml
+
+pytestmark = pytest.mark.ros
+
+STEPS = 100
+DEADLINE_S = 280
+EVERY_STEP = (
+    '/clock',
+    '/controller/state',
+    '/event_camera/events',
+    '/ground_truth/odom',
+    '/lane/distance',
+    '/lane/state',
+    '/tf',
+    '/wheel_velocities',
+)
+#: Of the official definitions, and of std_msgs.
+HASHES = {
+    '/event_camera/events': (
+        'RIHS01_d6fa176260b1f37e5a40845305315e150a0f18191241eb64f407442aa29844aa'
+    ),
+    '/lane/distance': 'RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+    '/tf': 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
+}
+
+
+class Lap(NamedTuple):
+    """A command that has ended, and what it left."""
+
+    status: int
+    output: str
+    errors: str
+    folder: Path
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """The one JSON object printed."""
+        return json.loads(self.output)
+
+    @property
+    def bag(self) -> Path:
+        """The recording."""
+        return self.folder / 'bag'
+
+    def listed_topics(self) -> dict[str, dict[str, Any]]:
+        """Return what metadata.yaml says of each topic."""
+        metadata = yaml.safe_load((self.bag / 'metadata.yaml').read_text())
+        topics = metadata['rosbag2_bagfile_information']['topics_with_message_count']
+        return {each['topic_metadata']['name']: each for each in topics}
+
+
+def drive(folder: Path, *options: str) -> Lap:
+    """Run `spikelane lap` with the kinematic robot."""
+    command = [sys.executable, '-m', 'spikelane.main', 'lap', '--robot', 'kinematic', '--json']
+    ended = subprocess.run(
+        [*command, '--out', str(folder), *options],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        cwd=folder.parent,
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+    )
+    return Lap(ended.returncode, ended.stdout, ended.stderr, folder)
+
+
+def drive_short(folder: Path, *options: str) -> Lap:
+    """Drive the first 100 steps with seed 3."""
+    limit = f'simulator.episode.max_steps={STEPS}'
+    return drive(folder, '--seed', '3', '--param', limit, *options)
+
+
+@pytest.fixture(scope='module')
+def short(tmp_path_factory: pytest.TempPathFactory) -> Lap:
+    """Give 100 steps over ROS."""
+    return drive_short(tmp_path_factory.mktemp('short') / 'lap', '--transport', 'ros')
+
+
+def test_an_episode_that_is_no_lap_is_reported_as_such(short: Lap) -> None:
+    """Exit status 1, and everything measured all the same."""
+    assert short.status == 1, short.errors
+    result = short.result
+    assert (result['completed'], result['reason'], result['lap_time_s']) == (
+        False,
+        'step_limit',
+        None,
+    )
+    assert (result['steps'], result['seed'], result['lane']) == (STEPS, 3, 'outer')
+    assert (result['transport'], result['robot']) == ('ros', 'kinematic')
+    assert short.errors == ''
+
+
+def test_the_run_folder_is_complete(short: Lap) -> None:
+    """Configuration, bag, trajectory, metrics, figures, and a log of each node."""
+    assert {path.name for path in short.folder.iterdir()} >= {
+        'bag',
+        'config.yaml',
+        'figures',
+        'logs',
+        'metrics.json',
+        'trajectory.csv',
+    }
+    assert json.loads((short.folder / 'metrics.json').read_text()) == short.result
+    assert Path(short.result['figure']).stat().st_size > 1000
+    logs = {path.name: path.read_text() for path in (short.folder / 'logs').iterdir()}
+    assert set(logs) == {'braitenberg.log', 'recorder.log', 'simulator.log'}
+    assert not any('Traceback' in text or 'ERROR' in text for text in logs.values()), logs
+
+
+def test_every_message_of_every_step_is_recorded(short: Lap) -> None:
+    """Steps and the first observation; counted by rosbags, in the metadata, and decoded."""
+    with AnyReader([short.bag]) as reader:
+        counts = Counter(connection.topic for connection, _, _ in reader.messages())
+        types = {each.topic: each.msgtype for each in reader.connections}
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+    assert {topic: counts[topic] for topic in EVERY_STEP} == dict.fromkeys(EVERY_STEP, STEPS + 1)
+    assert counts['/tf_static'] == counts['/robot_description'] == 1
+    assert counts['/diagnostics'] >= 1
+    assert types['/event_camera/events'] == 'event_camera_msgs/msg/EventPacket'
+    listed = {name: each['message_count'] for name, each in short.listed_topics().items()}
+    assert listed == dict(counts)
+
+
+def test_another_reader_sees_the_same_steps(short: Lap) -> None:
+    """mcap-ros2-support decodes by the definitions in the file; stamps and answers agree."""
+    stamps: dict[str, list[int]] = {}
+    topics = ['/lane/state', '/event_camera/events', '/wheel_velocities', '/ground_truth/odom']
+    with next(short.bag.glob('*.mcap')).open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages(topics):
+            stamp = message.header.stamp
+            stamps.setdefault(channel.topic, []).append(stamp.sec * 10**9 + stamp.nanosec)
+    expected = [50_000_000 * n for n in range(1, STEPS + 2)]
+    assert stamps == dict.fromkeys(topics, expected)
+
+
+def test_type_hashes_are_the_official_ones(short: Lap) -> None:
+    """Of each message whose definition is not ours."""
+    listed = short.listed_topics()
+    hashes = {name: listed[name]['topic_metadata']['type_description_hash'] for name in HASHES}
+    assert hashes == HASHES
+
+
+def test_transports_and_repetitions_give_the_same_trajectory(short: Lap, tmp_path: Path) -> None:
+    """To the last bit: their files are equal."""
+    again = drive_short(tmp_path / 'again', '--transport', 'ros')
+    within = drive_short(tmp_path / 'within', '--transport', 'inprocess')
+    trajectories = [(lap.folder / 'trajectory.csv').read_bytes() for lap in (short, again, within)]
+    assert trajectories[0].count(b'\n') == STEPS + 2
+    assert trajectories[0] == trajectories[1]
+    assert trajectories[0] == trajectories[2]
+
+
+def test_another_seed_gives_another_trajectory(short: Lap, tmp_path: Path) -> None:
+    """Else the comparison above would mean nothing."""
+    other = drive_short(tmp_path / 'other', '--transport', 'inprocess', '--seed', '4')
+    assert (other.folder / 'trajectory.csv').read_bytes() != (
+        short.folder / 'trajectory.csv'
+    ).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_whole_lap_over_ros_is_the_lap_driven_in_process(tmp_path: Path) -> None:
+    """Scenario 1, outer lane: completed, exit status 0, nothing lost in 4,700 steps."""
+    over_ros, within = (
+        drive(tmp_path / transport, '--seed', '1', '--transport', transport)
+        for transport in ('ros', 'inprocess')
+    )
+    assert (over_ros.status, within.status) == (0, 0), over_ros.errors
+    assert (over_ros.folder / 'trajectory.csv').read_bytes() == (
+        within.folder / 'trajectory.csv'
+    ).read_bytes()
+    result = over_ros.result
+    assert result['completed'] is True
+    assert 4400 < result['steps'] < 5000
+    assert result['lap_time_s'] == pytest.approx(result['steps'] * 0.05)
+    assert result['mean_abs_distance_m'] < 0.08
+    differing = {'transport', 'steps_per_s', 'folder', 'bag', 'figure'}
+    assert {k: v for k, v in result.items() if k not in differing} == {
+        k: v for k, v in within.result.items() if k not in differing
+    }
+    with AnyReader([over_ros.bag]) as reader:
+        counts = {each.topic: each.msgcount for each in reader.connections}
+    assert {counts[topic] for topic in EVERY_STEP} == {result['steps'] + 1}
