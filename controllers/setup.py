@@ -8,7 +8,7 @@ setup(
     name='spikelane_controllers',
     version='0.1.0',
     packages=find_packages(),
-    package_data={'spikelane_controllers': ['py.typed']},
+    package_data={'spikelane_controllers': ['py.typed', 'weights/*.safetensors']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane_controllers']),
         ('share/spikelane_controllers', ['package.xml']),
@@ -23,6 +23,7 @@ setup(
     entry_points={
         'console_scripts': [
             'braitenberg = spikelane_controllers.nodes.braitenberg:main',
+            'rstdp = spikelane_controllers.nodes.rstdp:main',
         ],
     },
 )

@@ -81,7 +81,7 @@ def read_checkpoint(path: Path, controller: str) -> Checkpoint:
     for name, array in arrays.items():
         if array.dtype.kind == 'f' and not np.isfinite(array).all():
             raise CheckpointError(f'{file}: {name}: expected finite numbers, got NaN or infinity')
-    return Checkpoint(arrays, head['facts'])
+    return Checkpoint(arrays, head.get('facts', {}))
 
 
 def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -92,10 +92,10 @@ def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, st
             arrays = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
             return arrays, opened.metadata() or {}
     except FileNotFoundError:
-        raise CheckpointError(f'{file}: expected a checkpoint, there is none') from None
+        raise CheckpointError(f'{file}: expected a checkpoint, got none: no such file') from None
     except (SafetensorError, OSError) as error:
         raise CheckpointError(
-            f'{file}: expected a safetensors file, cannot be read: {error}'
+            f'{file}: expected a whole safetensors file, got one that cannot be read: {error}'
         ) from None
 
 

@@ -48,6 +48,7 @@ from spikelane_controllers.state import (
     spread_generator,
     State,
 )
+from spikelane_controllers.weights import read_weights
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError
@@ -74,7 +75,12 @@ class InitialWeights(Parameters):
 class RStdpParameters(Parameters):
     """The R-STDP controller."""
 
-    learning: bool = parameter(True, 'Whether the weights change.')
+    learning: bool = parameter(False, 'Whether the weights change.')
+    checkpoint: str = parameter(
+        'scenario_1',
+        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        'checkpoint, or empty for untrained ones.',
+    )
     c_r: float = parameter(
         0.01, 'Dopamine for each metre from the centre.', unit='1/(ms m)', low=0.0, source=_TABLE
     )
@@ -103,8 +109,9 @@ class RStdpParameters(Parameters):
 class RStdp:
     """Controller of two neurons with synapses that learn; see `contract.Controller`.
 
-    It is made with weights drawn from seed 0; `initialise` draws others, `restore` continues from
-    a state. It changes its weights while `learning` is true, which may be set between steps.
+    It is made with the weights of its checkpoint; where it has none, they are drawn from seed 0,
+    and `initialise` draws others. `restore` continues from a state. It changes its weights while
+    `learning` is true, which may be set between steps.
 
     Attributes:
         neurons: Names of the neurons.
@@ -118,10 +125,16 @@ class RStdp:
     neurons: ClassVar[tuple[str, ...]] = ('left', 'right')
 
     def __init__(self, parameters: RStdpParameters | None = None) -> None:
+        """Make a controller at rest.
+
+        Raises:
+            CheckpointError: Its weights cannot be read, or are not of such a network.
+        """
         self.parameters = parameters or RStdpParameters()
         self.learning = self.parameters.learning
         self._constants = neuron_constants(self.parameters.neuron)
         self._rule = synapse_rule(self.parameters.synapse, self.parameters.delays)
+        self._trained_pa = self._trained_weights()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))
 
@@ -131,10 +144,11 @@ class RStdp:
         return self._network.weights_pa
 
     def initialise(self, rng: np.random.Generator) -> None:
-        """Forget all: neurons at rest, no traces, initial weights drawn from rng."""
-        encoding, initial = self.parameters.encoding, self.parameters.initial_weights
-        shape = (len(self.neurons), encoding.rows * encoding.columns)
-        weights_pa = rng.uniform(initial.low_pa, initial.high_pa, shape)
+        """Forget all: neurons at rest, no traces, the checkpoint's weights or drawn from rng."""
+        initial = self.parameters.initial_weights
+        weights_pa = self._trained_pa
+        if weights_pa is None:
+            weights_pa = rng.uniform(initial.low_pa, initial.high_pa, self._shape)
         self._network = resting_plastic_state(weights_pa, self.parameters.delays)
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -188,3 +202,14 @@ class RStdp:
         learning = number(state, 'learning', bool)
         self._network, self._steering, self._rng = network, steering, rng
         self.spikes, self.learning = tuple(spikes.tolist()), learning
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        encoding = self.parameters.encoding
+        return len(self.neurons), encoding.rows * encoding.columns
+
+    def _trained_weights(self) -> NDArray[np.float64] | None:
+        name, synapse = self.parameters.checkpoint, self.parameters.synapse
+        if not name:
+            return None
+        return read_weights('rstdp', name, self._shape, synapse.w_min_pa, synapse.w_max_pa)

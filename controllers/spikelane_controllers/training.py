@@ -6,7 +6,8 @@ the same observations, so that both give the same weights, bit for bit.
 
 A checkpoint is taken every so many steps. It holds the controller's state and the answers given
 since the last reset: a resumed run resets the simulator to that episode, gives those answers once
-more without learning anything, and is then exactly where it was.
+more without learning anything, and is then exactly where it was. Simulation time begins anew in
+it, which nothing depends on.
 """
 
 from __future__ import annotations
@@ -21,7 +22,13 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from spikelane_controllers.state import State
-from spikelane_sim.contract import Controller, LaneState, Observation, WheelVelocities
+from spikelane_sim.contract import (
+    Controller,
+    controller_rng,
+    LaneState,
+    Observation,
+    WheelVelocities,
+)
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -60,7 +67,7 @@ class LearningController(Controller, Protocol):
         """Weights [pA], (n_neurons, n_inputs)."""
 
     def initialise(self, rng: np.random.Generator) -> None:
-        """Forget all; draw initial weights."""
+        """Forget all; draw initial weights, where none are given."""
 
     def state(self) -> State:
         """Return all that the next steps depend on."""
@@ -83,6 +90,8 @@ class Start(NamedTuple):
 class Training:
     """A learning controller in training; itself a `contract.Controller`.
 
+    Either `begin` or `resume` comes first.
+
     Attributes:
         controller: What learns.
         steps: Steps driven.
@@ -98,7 +107,7 @@ class Training:
         config: Mapping[str, Any],
         checkpoint: Path,
     ) -> None:
-        """Begin a training; see `resume` for going on with one.
+        """Prepare a training.
 
         Args:
             name: Of the controller, in the registry.
@@ -111,20 +120,42 @@ class Training:
         self.controller = controller
         self.steps = 0
         self.terminations: list[Termination] = []
-        self.weight_history = [controller.weights_pa.astype(np.float32)]
+        self.weight_history: list[NDArray[np.float32]] = []
         self._name = name
         self._parameters = parameters
         self._config = dict(config)
         self._checkpoint = checkpoint
         self._start = Start(None, 1)
+        self._distance_m = 0.0  # at the last step
         self._answers: list[WheelVelocities] = []
         self._n_replayed = 0
         self._needs_reset = False
+
+    def begin(self, seed: int) -> None:
+        """Begin with initial weights that depend on the seed alone, and save that.
+
+        Raises:
+            CheckpointError: There is another training's checkpoint.
+            FileError: The checkpoint cannot be written.
+        """
+        if self._checkpoint.exists():
+            raise CheckpointError(
+                f'{self._checkpoint}: expected a folder without a checkpoint, or to resume'
+            )
+        # Episodes count from 1, so that 0 is free for the weights before the first.
+        self.controller.initialise(controller_rng(seed, 0))
+        self._remember_weights()
+        self._save()
 
     @property
     def start(self) -> Start:
         """The episode to reset the simulator to before the first step."""
         return self._start
+
+    @property
+    def parameters(self) -> TrainingParameters:
+        """How long it takes and how often it is saved."""
+        return self._parameters
 
     @property
     def is_done(self) -> bool:
@@ -144,32 +175,75 @@ class Training:
             self.controller.reset(rng)
 
     def step(self, observation: Observation) -> WheelVelocities:
-        """Answer an observation, and save what is due."""
-        if self._is_replaying:
-            self._n_replayed += 1
-            return self._answers[self._n_replayed - 1]
-        wheels = self.controller.step(observation)
+        """Answer an observation, and save what is due.
+
+        Raises:
+            CheckpointError: The episode that is being repeated to resume is not the same.
+            FileError: The checkpoint cannot be written.
+        """
         lane = observation.lane
         assert lane is not None  # nobody can be trained without
-        self._start = Start(lane.lane, lane.episode)
+        if self._is_replaying:
+            return self._repeated_answer(lane)
+        wheels = self.controller.step(observation)
         self._needs_reset = lane.terminated
         if lane.terminated:
             self.terminations.append(self._termination(lane))
             return wheels
+        self._start, self._distance_m = Start(lane.lane, lane.episode), lane.distance_m
         self._answers.append(wheels)
         self._n_replayed += 1
         self.steps += 1
-        if self.steps % self._parameters.save_every == 0:
-            self.weight_history.append(self.controller.weights_pa.astype(np.float32))
-            self.save(sync=self.is_done)
+        is_due = self.steps % self._parameters.save_every == 0
+        if is_due:
+            self._remember_weights()
+        if is_due or self.is_done:
+            self._save()
         return wheels
 
-    def save(self, *, sync: bool = True) -> None:
-        """Write the checkpoint.
+    def resume(self) -> None:
+        """Go on where the checkpoint stands.
 
         Raises:
-            FileError: It cannot be written.
+            CheckpointError: There is none that can be read, or it is of another configuration.
         """
+        checkpoint = read_checkpoint(self._checkpoint, self._name)
+        arrays, facts = checkpoint
+        self._check_config(facts)
+        try:
+            self.controller.restore(controller_state(checkpoint))
+        except CheckpointError as error:
+            raise CheckpointError(f'{self._checkpoint}: {error}') from None
+        self.steps = facts['steps']
+        self.terminations = [Termination(*each) for each in facts['terminations']]
+        self.weight_history = list(arrays['training.weight_history'])
+        self._config = facts['config']
+        self._start = Start(facts['lane'], facts['episode'])
+        self._distance_m = facts['distance_m']
+        self._answers = [WheelVelocities(*each) for each in arrays['training.answers'].tolist()]
+        self._n_replayed = 0
+
+    @property
+    def _is_replaying(self) -> bool:
+        return self._n_replayed < len(self._answers)
+
+    def _repeated_answer(self, lane: LaneState) -> WheelVelocities:
+        """Return what was answered when this was first seen."""
+        is_same = (lane.episode, lane.step) == (self._start.episode, self._n_replayed)
+        self._n_replayed += 1
+        is_last = not self._is_replaying
+        if not is_same or lane.terminated or (is_last and lane.distance_m != self._distance_m):
+            raise CheckpointError(
+                f'{self._checkpoint}: expected episode {self._start.episode} to be the same again,'
+                f' got another by step {lane.step}: is it of another version or machine?'
+            )
+        return self._answers[self._n_replayed - 1]
+
+    def _remember_weights(self) -> None:
+        self.weight_history.append(self.controller.weights_pa.astype(np.float32))
+
+    def _save(self) -> None:
+        """Write the checkpoint; it is forced to the disk, and for people to read, at the end."""
         state = self.controller.state()
         arrays: dict[str, NDArray[Any]] = {
             _PREFIX + name: value for name, value in state.items() if isinstance(value, np.ndarray)
@@ -187,40 +261,22 @@ class Training:
                 'steps': self.steps,
                 'lane': self._start.lane,
                 'episode': self._start.episode,
+                'distance_m': self._distance_m,
                 'terminations': [list(each) for each in self.terminations],
             },
-            sync=sync,
+            sync=self.is_done,
         )
 
-    def resume(self) -> None:
-        """Go on where the checkpoint stands.
-
-        Raises:
-            CheckpointError: There is none that can be read, or it is of another configuration.
-        """
-        checkpoint = read_checkpoint(self._checkpoint, self._name)
-        self._check_config(checkpoint)
-        arrays, facts = checkpoint
-        self.controller.restore(controller_state(checkpoint))
-        answers = arrays['training.answers'].tolist()
-        self.steps = facts['steps']
-        self.terminations = [Termination(*each) for each in facts['terminations']]
-        self.weight_history = list(arrays['training.weight_history'])
-        self._start = Start(facts['lane'], facts['episode'])
-        self._answers = [WheelVelocities(*each) for each in answers]
-        self._n_replayed = 0
-
-    @property
-    def _is_replaying(self) -> bool:
-        return self._n_replayed < len(self._answers)
-
-    def _check_config(self, checkpoint: Checkpoint) -> None:
-        config = checkpoint.facts['config']
-        for name in {**config, **self._config}:
-            if config.get(name) != self._config.get(name):
+    def _check_config(self, facts: Mapping[str, Any]) -> None:
+        if 'terminations' not in facts:
+            raise CheckpointError(f'{self._checkpoint}: expected a training, got weights alone')
+        for name, expected in self._config.items():
+            given = facts['config'].get(name)
+            if given != expected:
+                where, expected, given = _first_difference(name, expected, given)
                 raise CheckpointError(
-                    f'{self._checkpoint}: expected a training with {name} '
-                    f'{self._config.get(name)}, got one with {config.get(name)}'
+                    f'{self._checkpoint}: expected a training with {where} {expected}, '
+                    f'got one with {given}'
                 )
 
     def _termination(self, lane: LaneState) -> Termination:
@@ -245,3 +301,12 @@ def controller_state(checkpoint: Checkpoint) -> State:
     }
     state.update(checkpoint.facts['controller'])
     return state
+
+
+def _first_difference(name: str, expected: Any, given: Any) -> tuple[str, Any, Any]:
+    """Return where two values differ, down to a name in mappings, and either's value there."""
+    if isinstance(expected, Mapping) and isinstance(given, Mapping):
+        for key in (*expected, *given):
+            if expected.get(key) != given.get(key):
+                return _first_difference(f'{name}.{key}', expected.get(key), given.get(key))
+    return name, expected, given

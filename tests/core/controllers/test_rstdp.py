@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from spikelane_controllers.plasticity import SynapseParameters
 from spikelane_controllers.rstdp import RStdp, RStdpParameters
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
@@ -16,6 +18,9 @@ from spikelane_sim.events import make_events, no_events
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 CONFIG = Path(__file__).parents[3] / 'controllers' / 'config' / 'rstdp.yaml'
+
+
+UNTRAINED = RStdpParameters(learning=True, checkpoint='')
 
 
 def observation(seed: int, distance_m: float | None = 0.1, number: int = 200) -> Observation:
@@ -43,7 +48,7 @@ def drive(controller: RStdp, first: int = 0, steps: int = 20) -> list[Answer]:
 
 def trained(seed: int = 3) -> RStdp:
     """Return a controller in the midst of an episode."""
-    controller = RStdp()
+    controller = RStdp(UNTRAINED)
     controller.initialise(np.random.default_rng(seed))
     controller.reset(np.random.default_rng(seed))
     drive(controller)
@@ -52,7 +57,7 @@ def trained(seed: int = 3) -> RStdp:
 
 def test_initial_weights_are_the_papers_and_drawn_from_the_generator() -> None:
     """32 inputs to both neurons, uniform in 200 to 201 pA."""
-    controller = RStdp()
+    controller = RStdp(UNTRAINED)
     controller.initialise(np.random.default_rng(1))
     first = controller.weights_pa
     assert first.shape == (2, 32)
@@ -67,7 +72,7 @@ def test_initial_weights_are_the_papers_and_drawn_from_the_generator() -> None:
 def test_right_of_the_centre_the_right_neuron_is_rewarded() -> None:
     """So the robot learns to turn left; the left neuron's synapses are weakened."""
     for distance_m, sign in ((0.1, 1.0), (-0.1, -1.0)):
-        controller = RStdp(RStdpParameters.from_mapping({'synapse.a_minus': 0.0}))
+        controller = RStdp(dataclasses.replace(UNTRAINED, synapse=SynapseParameters(a_minus=0.0)))
         controller.reset(np.random.default_rng(0))
         before = controller.weights_pa
         for seed in range(10):
@@ -81,7 +86,7 @@ def test_right_of_the_centre_the_right_neuron_is_rewarded() -> None:
 @pytest.mark.parametrize('distance_m', [0.0, None])
 def test_without_a_reward_nothing_is_learnt(distance_m: float | None) -> None:
     """In the centre, or where nobody knows where the robot is."""
-    controller = RStdp()
+    controller = RStdp(UNTRAINED)
     before = controller.weights_pa
     for seed in range(10):
         controller.step(observation(seed, distance_m))
@@ -92,7 +97,7 @@ def test_without_a_reward_nothing_is_learnt(distance_m: float | None) -> None:
 
 def test_learning_can_be_turned_off_and_on() -> None:
     """The parameter is the start; between steps the attribute decides."""
-    controller = RStdp(RStdpParameters(learning=False))
+    controller = RStdp(RStdpParameters(learning=False, checkpoint=''))
     before = controller.weights_pa
     drive(controller)
     assert (controller.weights_pa == before).all()
@@ -123,7 +128,7 @@ def test_a_restored_controller_goes_on_bit_for_bit() -> None:
     facts = {name: value for name, value in state.items() if name not in arrays}
     assert all(array.dtype.names is None for array in arrays.values())
     facts = json.loads(json.dumps(facts, allow_nan=False))
-    other = RStdp()
+    other = RStdp(UNTRAINED)
     other.restore({**arrays, **facts})
     assert other.spikes == one.spikes
     assert drive(other, 20, 50) == drive(one, 20, 50)
@@ -229,7 +234,7 @@ def test_contradictions_are_refused(values: dict[str, float], message: str) -> N
 
 def test_without_events_it_drives_straight_at_the_smallest_speed() -> None:
     """Until something is seen."""
-    assert RStdp().step(Observation(STEP_NS, no_events(), None)) == (1.0, 1.0)
+    assert RStdp(UNTRAINED).step(Observation(STEP_NS, no_events(), None)) == (1.0, 1.0)
 
 
 @pytest.mark.slow
@@ -237,7 +242,7 @@ def test_it_learns_to_keep_the_lane() -> None:
     """Scenario 1: after 20,000 steps of training it drives both lanes, off by under 2 cm."""
     parameters = {'robot.model': 'kinematic', 'episode.max_distance_m': 0.2}
     simulator = Simulator(SimulatorParameters.from_mapping(parameters))
-    controller = RStdp()
+    controller = RStdp(UNTRAINED)
     controller.initialise(np.random.default_rng(6))
 
     def begin(seed: int | None, number: int) -> Observation:

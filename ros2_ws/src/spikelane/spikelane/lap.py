@@ -15,8 +15,9 @@ from spikelane.metrics import lap_metrics
 from spikelane.run_folder import lap_name, RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.registry import make_controller
+from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course
+from spikelane_sim.course import load_course, scenario_course
 from spikelane_sim.simulator import Simulator
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
@@ -52,9 +53,14 @@ def make_config(
 ) -> LapConfig:
     """Make the configuration of a lap: see `configure`; no lane is the course's first.
 
+    A controller that learns has the weights shipped for the scenario unless others are given.
+
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
+    course_name = scenario_course(scenario)
+    if course_name in shipped_weights(controller):
+        parameters = {f'{controller}.checkpoint': course_name, **parameters}
     parts = configure(scenario, controller, seed, transport, parameters)
     course = load_course(parts['simulator'].course)
     lane = course.lane(lane).name if lane else next(iter(course.lanes))

@@ -7,7 +7,7 @@ import csv
 import dataclasses
 import io
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, TYPE_CHECKING
 
 from spikelane.configuration import Configuration, configure
 from spikelane.lap import Show
@@ -20,14 +20,20 @@ from spikelane_controllers.training import (
     TrainingParameters,
 )
 from spikelane_sim.contract import controller_rng, TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
+from spikelane_sim.course import load_course
+from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.simulator import Simulator
+
+if TYPE_CHECKING:
+    from spikelane_controllers.rstdp import RStdpParameters
 
 #: What training differs in from driving a lap (paper section 4.4).
 TRAINING_DEFAULTS = {
     'simulator.episode.max_distance_m': 0.2,
     'simulator.episode.max_laps': 1,
     'rstdp.learning': True,
+    'rstdp.checkpoint': '',
 }
 
 
@@ -66,18 +72,17 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
         SpikelaneError: There is no checkpoint to resume from, or of another training.
     """
     values = config.controller_parameters.to_dict()
-    controller = cast(LearningController, make_controller(config.controller, values))
-    # Episodes count from 1, so that 0 is free for the weights before the first.
-    controller.initialise(controller_rng(config.seed, 0))
     training = Training(
         config.controller,
-        controller,
+        cast(LearningController, make_controller(config.controller, values)),
         config.training,
         _identity(config),
         folder.checkpoint,
     )
     if resume:
         training.resume()
+    else:
+        training.begin(config.seed)
     return training
 
 
@@ -105,7 +110,6 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
             wheels = training.step(observation)
             show(training.steps, state.progress_m)
             observation = simulator.reset() if state.terminated else simulator.step(wheels)
-    training.save()
     return training
 
 
@@ -117,12 +121,15 @@ def report_training(
     Returns:
         The metrics and where everything is, ready for JSON.
     """
-    from spikelane.figures.training import draw_terminations, draw_weights
+    from spikelane.figures.terminations import draw_terminations
+    from spikelane.figures.weights import draw_weights
 
     _write_episodes(training.terminations, folder.episodes)
+    course = load_course(config.simulator.course)
+    title = f'{config.controller}, scenario {config.scenario}, seed {config.seed}'
     figures = [
-        *draw_weights(training, folder.figures / 'weights'),
-        *draw_terminations(training, folder.figures / 'terminations'),
+        *draw_weights(training, _encoding(config), folder.figures / 'weights', title),
+        *draw_terminations(training, course, folder.figures / 'terminations', title),
     ]
     result = {
         'scenario': config.scenario,
@@ -133,6 +140,7 @@ def report_training(
         'pixels': config.simulator.pixels.model,
         'antialias': config.simulator.camera.antialias,
         **training_metrics(training),
+        'braitenberg_correlation': _braitenberg_correlation(config, training),
         'wall_time_s': wall_time_s,
         'folder': str(folder.path),
         'checkpoint': str(folder.checkpoint),
@@ -166,6 +174,22 @@ def training_metrics(training: Training) -> dict[str, Any]:
         'last_lane_loss_step': last,
         'laps_since': {lane: since.count(lane) for lane in sorted(set(since))},
     }
+
+
+def _encoding(config: TrainConfig) -> EncodingParameters:
+    """Return how the learning controller's inputs are made."""
+    return cast('RStdpParameters', config.controller_parameters).encoding
+
+
+def _braitenberg_correlation(
+    config: TrainConfig, training: Training
+) -> dict[str, float | None] | None:
+    """Compare the weights with those set by hand; None where the inputs are others."""
+    from spikelane.figures.weights import weights_correlation
+
+    if _encoding(config) != EncodingParameters():
+        return None
+    return weights_correlation(training.controller.weights_pa, training.weight_history[0])
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:

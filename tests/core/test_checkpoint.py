@@ -1,0 +1,151 @@
+"""Checkpoints and files of weights: what is refused, and how it is said."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
+from spikelane_controllers.registry import make_controller
+from spikelane_controllers.rstdp import RStdp, RStdpParameters
+from spikelane_controllers.weights import (
+    export_weights,
+    read_weights,
+    shipped_weights,
+    WEIGHTS,
+    write_weights,
+)
+from spikelane_sim.errors import CheckpointError
+
+GOOD = np.linspace(100.0, 2900.0, 64).reshape(2, 32)
+
+
+def weights_of(file: Path | str) -> np.ndarray:
+    """Return the weights that a controller has with a checkpoint."""
+    return RStdp(RStdpParameters(checkpoint=str(file))).weights_pa
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    """Arrays of every kind with their types, and facts; by file or by folder."""
+    arrays = {
+        'a': np.array([[1.5, -0.0], [2.0**-1074, 3.0]]),
+        'words': np.array([2**64 - 1, 0], np.uint64),
+        'empty': np.zeros(0, np.int64),
+        'transposed': np.arange(6, dtype=np.int8).reshape(2, 3).T,
+    }
+    facts = {'text': 'é', 'list': [1, 0.1, None, True]}
+    file = tmp_path / 'new' / 'checkpoint.safetensors'
+    write_checkpoint(file, 'rstdp', arrays, facts)
+    for path in (file, file.parent):
+        got = read_checkpoint(path, 'rstdp')
+        assert got.facts == facts
+        assert {name: (a.dtype, a.tolist()) for name, a in got.arrays.items()} == {
+            name: (a.dtype, a.tolist()) for name, a in arrays.items()
+        }
+    assert json.loads(file.with_suffix('.json').read_text())['facts'] == facts
+    assert {path.name for path in file.parent.iterdir()} == {file.name, 'checkpoint.json'}
+
+
+def test_a_controller_drives_with_the_weights_of_a_checkpoint(tmp_path: Path) -> None:
+    """Not those drawn from a generator, also when it forgets all; it does not learn."""
+    file = tmp_path / 'weights.safetensors'
+    write_weights(file, 'rstdp', GOOD, {})
+    controller = RStdp(RStdpParameters(checkpoint=str(file)))
+    assert (controller.weights_pa == GOOD).all()
+    assert controller.learning is False
+    controller.initialise(np.random.default_rng(1))
+    assert (controller.weights_pa == GOOD).all()
+
+
+def test_weights_are_shipped_for_every_scenario() -> None:
+    """They have been learnt, and the file says by which command."""
+    names = ('scenario_1', 'scenario_2', 'scenario_3')
+    assert shipped_weights('rstdp') == names
+    assert shipped_weights('braitenberg') == ()
+    learnt = [weights_of(name) for name in names]
+    assert all(weights.min() < 100.0 and weights.max() > 300.0 for weights in learnt)
+    assert make_controller('rstdp').weights_pa.tolist() == learnt[0].tolist()
+    folder = Path(__file__).parents[2] / 'controllers/spikelane_controllers/weights'
+    for number, name in enumerate(names, 1):
+        file = folder / f'rstdp_{name}.safetensors'
+        assert file.stat().st_size < 10_000
+        command = read_checkpoint(file, 'rstdp').facts['command']
+        assert command.startswith(f'spikelane train rstdp --scenario {number} ')
+
+
+def test_the_weights_of_a_training_are_exported_with_their_command(tmp_path: Path) -> None:
+    """Without the rest of its checkpoint."""
+    training, file = tmp_path / 'checkpoint.safetensors', tmp_path / 'w.safetensors'
+    write_checkpoint(training, 'rstdp', {WEIGHTS: GOOD, 'b': GOOD}, {'config': {}, 'steps': 7})
+    export_weights('rstdp', tmp_path, file, 'spikelane train rstdp')
+    arrays, facts = read_checkpoint(file, 'rstdp')
+    assert list(arrays) == [WEIGHTS]
+    assert facts == {'command': 'spikelane train rstdp', 'config': {}, 'steps': 7}
+    assert (weights_of(file) == GOOD).all()
+
+
+@pytest.mark.parametrize(
+    ('weights', 'message'),
+    [
+        (GOOD[:, :30], r'expected shape \(2, 32\), got shape \(2, 30\)'),
+        (np.where(GOOD == 100.0, np.nan, GOOD), 'expected finite numbers, got NaN'),
+        (GOOD + 200.0, 'expected from 0 to 3000 pA, got from 300 to 3100 pA'),
+        (GOOD.astype(np.float32), 'expected an array of float64, got float32'),
+    ],
+)
+def test_other_weights_are_refused(tmp_path: Path, weights: np.ndarray, message: str) -> None:
+    """In one line that names the file and the array."""
+    file = tmp_path / 'w.safetensors'
+    write_weights(file, 'rstdp', weights, {})
+    with pytest.raises(CheckpointError, match=message) as caught:
+        weights_of(file)
+    assert str(caught.value).startswith(f'{file}: {WEIGHTS}: expected ')
+    assert '\n' not in str(caught.value)
+
+
+def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
+    """Another controller or version, without weights, not a checkpoint, not even safetensors."""
+    from safetensors.numpy import save_file
+
+    file = tmp_path / 'w.safetensors'
+    write_weights(file, 'dqn', GOOD, {})
+    with pytest.raises(CheckpointError, match='expected controller rstdp, got dqn'):
+        weights_of(file)
+    write_checkpoint(file, 'rstdp', {'other': GOOD}, {})
+    with pytest.raises(CheckpointError, match=f'{WEIGHTS}: expected .*, but it is missing'):
+        weights_of(file)
+    head = {'format': 'spikelane-checkpoint', 'version': 2, 'controller': 'rstdp', 'facts': {}}
+    save_file({WEIGHTS: GOOD}, file, metadata={'spikelane': json.dumps(head)})
+    with pytest.raises(CheckpointError, match='expected version 1, got 2'):
+        weights_of(file)
+    save_file({WEIGHTS: GOOD}, file)
+    with pytest.raises(CheckpointError, match='expected a checkpoint of Spikelane'):
+        weights_of(file)
+    file.write_text('text')
+    with pytest.raises(CheckpointError, match='expected a whole safetensors file'):
+        weights_of(file)
+
+
+@pytest.mark.parametrize('missing', [1, 100, 600, None])
+def test_a_truncated_checkpoint_is_refused(tmp_path: Path, missing: int | None) -> None:
+    """Wherever it ends."""
+    file = tmp_path / 'w.safetensors'
+    write_weights(file, 'rstdp', GOOD, {})
+    file.write_bytes(file.read_bytes()[: None if missing is None else -missing])
+    if missing is None:
+        file.write_bytes(b'')
+    with pytest.raises(CheckpointError, match=f'{file}: expected a whole safetensors file'):
+        weights_of(file)
+
+
+def test_weights_that_are_not_there_are_answered_with_those_that_are(tmp_path: Path) -> None:
+    """By name, by path, and in a folder without a checkpoint."""
+    with pytest.raises(CheckpointError, match=r"one of scenario_1, .*folder.*got 'scenario_9'"):
+        weights_of('scenario_9')
+    with pytest.raises(CheckpointError, match='expected one of scenario_1'):
+        weights_of(tmp_path / 'none')
+    with pytest.raises(CheckpointError, match='expected a checkpoint, got none'):
+        read_weights('rstdp', str(tmp_path), (2, 32), 0.0, 3000.0)
