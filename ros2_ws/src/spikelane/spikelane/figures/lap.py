@@ -63,10 +63,7 @@ def draw_lap(
         draw_path(map_axes, trajectory)
         _draw_deviation(deviation_axes, trajectory, lane, course.lane_width_m)
         _draw_histogram(histogram_axes, trajectory.distance_m[1:], metrics['mean_abs_distance_m'])
-        figure.text(0.012, 0.955, title, fontsize=style.LARGE_PT, weight='bold', va='center')
-        figure.text(
-            0.988, 0.955, _in_words(metrics), fontsize=style.NORMAL_PT, ha='right', va='center'
-        )
+        style.write_title(figure, title, _in_words(metrics))
         return style.save(figure, path)
 
 

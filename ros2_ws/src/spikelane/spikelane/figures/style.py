@@ -14,6 +14,7 @@ from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_bytes_atomically
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 INK = '#20262d'  # texts, lines of data
@@ -31,6 +32,8 @@ LARGE_PT = 13.0
 SUFFIXES = ('.svg', '.png')
 
 _PNG_DPI = 200
+_TITLE_IN = 0.18  # of the title's middle, below the figure's top
+_MARGIN = 0.012  # beside the title, of the figure's width
 
 _SETTINGS: dict[str, Any] = {
     'font.family': 'DejaVu Sans',  # comes with matplotlib, so that it is the same everywhere
@@ -72,6 +75,25 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), facecolor='white')
     FigureCanvasAgg(figure)
     return figure
+
+
+def write_title(figure: Figure, title: str, explanation: str) -> None:
+    """Write what the figure shows at its top left, and a result at its top right."""
+    y = 1 - _TITLE_IN / figure.get_figheight()
+    figure.text(_MARGIN, y, title, fontsize=LARGE_PT, weight='bold', va='center')
+    figure.text(1 - _MARGIN, y, explanation, fontsize=NORMAL_PT, ha='right', va='center')
+
+
+def write_legend(figure: Figure, handles: list[Artist]) -> None:
+    """Explain lines and markers in one row at the figure's foot."""
+    figure.legend(
+        handles=handles,
+        loc='lower left',
+        bbox_to_anchor=(0.05, 0.0),
+        ncols=max(len(handles), 1),
+        fontsize=SMALL_PT,
+        frameon=False,
+    )
 
 
 def save(figure: Figure, path: Path) -> tuple[Path, ...]:
