@@ -12,6 +12,7 @@ it, which nothing depends on.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +61,13 @@ class Termination(NamedTuple):
 
 
 class LearningController(Controller, Protocol):
-    """A controller that can be saved."""
+    """A controller that can be saved.
+
+    Attributes:
+        learning: Whether the weights change.
+    """
+
+    learning: bool
 
     @property
     def weights_pa(self) -> NDArray[np.float64]:
@@ -127,7 +134,8 @@ class Training:
         self._checkpoint = checkpoint
         self._start = Start(None, 1)
         self._distance_m = 0.0  # at the last step
-        self._answers: list[WheelVelocities] = []
+        # Of this episode, left and right in turn; a list of pairs would take long to be saved.
+        self._answers = array('d')
         self._n_replayed = 0
         self._needs_reset = False
 
@@ -170,7 +178,7 @@ class Training:
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode, unless it is one that is being repeated to resume."""
         if not self._is_replaying:
-            self._answers.clear()
+            self._answers = array('d')
             self._n_replayed = 0
             self.controller.reset(rng)
 
@@ -191,7 +199,7 @@ class Training:
             self.terminations.append(self._termination(lane))
             return wheels
         self._start, self._distance_m = Start(lane.lane, lane.episode), lane.distance_m
-        self._answers.append(wheels)
+        self._answers.extend(wheels)
         self._n_replayed += 1
         self.steps += 1
         is_due = self.steps % self._parameters.save_every == 0
@@ -220,15 +228,16 @@ class Training:
         self._config = facts['config']
         self._start = Start(facts['lane'], facts['episode'])
         self._distance_m = facts['distance_m']
-        self._answers = [WheelVelocities(*each) for each in arrays['training.answers'].tolist()]
+        self._answers = array('d', arrays['training.answers'].ravel())
         self._n_replayed = 0
 
     @property
     def _is_replaying(self) -> bool:
-        return self._n_replayed < len(self._answers)
+        return 2 * self._n_replayed < len(self._answers)
 
     def _repeated_answer(self, lane: LaneState) -> WheelVelocities:
         """Return what was answered when this was first seen."""
+        first = 2 * self._n_replayed
         is_same = (lane.episode, lane.step) == (self._start.episode, self._n_replayed)
         self._n_replayed += 1
         is_last = not self._is_replaying
@@ -237,7 +246,7 @@ class Training:
                 f'{self._checkpoint}: expected episode {self._start.episode} to be the same again,'
                 f' got another by step {lane.step}: is it of another version or machine?'
             )
-        return self._answers[self._n_replayed - 1]
+        return WheelVelocities(*self._answers[first : first + 2])
 
     def _remember_weights(self) -> None:
         self.weight_history.append(self.controller.weights_pa.astype(np.float32))
@@ -248,7 +257,7 @@ class Training:
         arrays: dict[str, NDArray[Any]] = {
             _PREFIX + name: value for name, value in state.items() if isinstance(value, np.ndarray)
         }
-        arrays['training.answers'] = np.array(self._answers, np.float64).reshape(-1, 2)
+        arrays['training.answers'] = np.array(self._answers).reshape(-1, 2)
         arrays['training.weight_history'] = np.stack(self.weight_history)
         numbers = {name: v for name, v in state.items() if not isinstance(v, np.ndarray)}
         write_checkpoint(
@@ -295,8 +304,8 @@ class Training:
 def controller_state(checkpoint: Checkpoint) -> State:
     """Return the controller's own state."""
     state: State = {
-        name.removeprefix(_PREFIX): array
-        for name, array in checkpoint.arrays.items()
+        name.removeprefix(_PREFIX): value
+        for name, value in checkpoint.arrays.items()
         if name.startswith(_PREFIX)
     }
     state.update(checkpoint.facts['controller'])

@@ -133,6 +133,7 @@ class Stepper:
         lane: str | None = None,
         seed: int | None = None,
         *,
+        episode: int = 1,
         from_time_zero: bool = False,
         on_published: Callable[[Observation], None] | None = None,
     ) -> None:
@@ -141,6 +142,7 @@ class Stepper:
         Args:
             lane: As in `Simulator.reset`; None for the first one's at the beginning of all.
             seed: As in `Simulator.reset`; None for the first one's at the beginning of all.
+            episode: As in `Simulator.reset`.
             from_time_zero: As in `Simulator.reset`.
             on_published: Called with the first observation once it is published.
 
@@ -151,7 +153,9 @@ class Stepper:
             if from_time_zero or self._observation is None:
                 lane = self._lane if lane is None else lane
                 seed = self._seed if seed is None else seed
-            observation = self._simulator.reset(lane, seed, from_time_zero=from_time_zero)
+            observation = self._simulator.reset(
+                lane, seed, episode=episode, from_time_zero=from_time_zero
+            )
             self.cancel_advance()
             if self._state is RunState.STOPPED:
                 self._state = RunState.PLAYING

@@ -72,8 +72,8 @@ class ControllerNode(Node):
         super().__init__(name)
         self.exit_status = 0
         self._settings = declare_parameters(self, ControllerNodeParameters)
-        cls = controller_class(name)
-        self._controller: Controller = cls(declare_parameters(self, cls.parameters_class))
+        self._driver: Controller = self._make_driver(name)
+        self._controller: Controller = self._wrap_driver(name, self._driver)
         self._controller.reset(controller_rng(self._settings.seed, 0))
         self._episode: _Episode | None = None
         self._answered: _Identity | None = None
@@ -81,7 +81,7 @@ class ControllerNode(Node):
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
         self._state = ControllerState(
-            controller=name, neurons=list(getattr(self._controller, 'neurons', ()))
+            controller=name, neurons=list(getattr(self._driver, 'neurons', ()))
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
         self._states = self.create_publisher(ControllerState, 'controller/state', KEPT_ANSWERS)
@@ -100,12 +100,26 @@ class ControllerNode(Node):
         self._observations.subscribe(
             EventPacket, 'event_camera/events', self._on_packet, RELIABLE_10
         )
-        self._observations.start()
+        self._start()
 
     def destroy_node(self) -> None:
         """Stop answering."""
         self._observations.stop()
         super().destroy_node()
+
+    def _make_driver(self, name: str) -> Controller:
+        """Declare the controller's parameters and make it."""
+        cls = controller_class(name)
+        return cls(declare_parameters(self, cls.parameters_class))
+
+    def _wrap_driver(self, name: str, driver: Controller) -> Controller:
+        """Return what answers: the controller itself, or something that asks it."""
+        del name
+        return driver
+
+    def _start(self) -> None:
+        """Begin to answer."""
+        self._observations.start()
 
     def _on_packet(self, packet: EventPacket) -> None:
         if self._settings.use_lane_state:
@@ -162,9 +176,10 @@ class ControllerNode(Node):
     def _publish_state(self, lane: LaneState | None) -> None:
         state = self._state
         state.header.stamp = self._answer.header.stamp
-        state.action = getattr(self._controller, 'action', -1)
-        state.reward = getattr(self._controller, 'reward', math.nan)
-        state.spikes = list(getattr(self._controller, 'spikes', ()))
+        state.action = getattr(self._driver, 'action', -1)
+        state.reward = getattr(self._driver, 'reward', math.nan)
+        state.spikes = list(getattr(self._driver, 'spikes', ()))
+        state.learning = getattr(self._driver, 'learning', False)
         if lane is not None:
             state.episode, state.step = lane.episode, lane.step
         self._states.publish(state)

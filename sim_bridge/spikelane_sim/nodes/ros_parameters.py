@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -22,15 +22,23 @@ def declare_parameters(node: Node, parameters: type[ParametersT]) -> ParametersT
         ParameterError: A value given to the node is not allowed.
     """
     specs = tuple(parameters.specs())
-    values = {}
-    for spec in specs:
-        default = list(spec.default) if spec.kind is tuple else spec.default
-        try:
-            parameter = node.declare_parameter(spec.name, default, _descriptor(spec))
-        except Exception as error:  # rclpy has no common base for what declaring can raise
-            raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
-        values[spec.name] = spec.check(parameter.value)
-    return parameters.from_mapping(values)
+    return parameters.from_mapping({spec.name: declare_parameter(node, spec) for spec in specs})
+
+
+def declare_parameter(node: Node, spec: ParameterSpec) -> Any:
+    """Declare one parameter, unless it has been declared, and return its value.
+
+    Raises:
+        ParameterError: The value given to the node is not allowed.
+    """
+    if node.has_parameter(spec.name):
+        return spec.check(node.get_parameter(spec.name).value)
+    default = list(spec.default) if spec.kind is tuple else spec.default
+    try:
+        parameter = node.declare_parameter(spec.name, default, _descriptor(spec))
+    except Exception as error:  # rclpy has no common base for what declaring can raise
+        raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
+    return spec.check(parameter.value)
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:

@@ -90,7 +90,12 @@ class SimulatorServices:
         seed = None if request.seed < 0 else request.seed
         published = Awaitable(self._node)
         try:
-            self._stepper.begin(request.lane or None, seed, on_published=published.complete)
+            self._stepper.begin(
+                request.lane or None,
+                seed,
+                episode=request.episode or 1,
+                on_published=published.complete,
+            )
         except SpikelaneError as error:
             response.success, response.message = False, str(error)
             return response

@@ -6,7 +6,7 @@ end when its parent dies, however that happens, so that no node is ever left beh
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 import contextlib
 import ctypes
 import os
@@ -86,14 +86,15 @@ class Processes:
             raise ProcessError(f'{name}: cannot be started: {error}') from None
         self._children[name], self._logs[name] = child, log
 
-    def check(self) -> None:
-        """Check that all children run.
+    def check(self, may_end: Collection[str] = ()) -> None:
+        """Check that all children run, but those that may end.
 
         Raises:
             ProcessError: One has ended; the message has its last lines.
         """
         for name in self._children:
-            self._check(name)
+            if name not in may_end:
+                self._check(name)
 
     def wait(self, name: str, timeout_s: float) -> None:
         """Wait until a child ends by itself.

@@ -69,7 +69,7 @@ def _lockstep_us(config: LapConfig, steps: int) -> float:
 
 
 def _ping_pong_us(rounds: int) -> float:
-    from spikelane.nodes.lap import own_domain
+    from spikelane.nodes.graph import own_domain
 
     with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
         with Processes() as processes:

@@ -38,7 +38,7 @@ def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[s
         BagError: One of the processes failed.
     """
     # Here and not above: the other measurements must work where there is no ROS.
-    from spikelane.nodes.lap import own_domain
+    from spikelane.nodes.graph import own_domain
 
     with (
         own_domain() as domain,

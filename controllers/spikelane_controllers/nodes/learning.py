@@ -1,0 +1,137 @@
+"""Node of a controller that can learn: drives with the weights it has, or trains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from event_camera_msgs.msg import EventPacket
+from rclpy.clock import Clock, ClockType
+from rclpy.task import Future
+from spikelane_msgs.msg import LaneState, Weights
+from spikelane_msgs.srv import Reset
+
+from spikelane_controllers.nodes.controller import ControllerNode
+from spikelane_controllers.registry import controller_class
+from spikelane_controllers.training import LearningController, Training, TrainingParameters
+from spikelane_sim.contract import Controller
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
+from spikelane_sim.nodes.topics import LATCHED
+from spikelane_sim.parameters import parameter, Parameters
+
+WEIGHTS_EVERY_STEPS = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningNodeParameters(Parameters):
+    """Where a training is kept."""
+
+    output: str = parameter('', "Folder of the training's checkpoints; needed to learn.")
+    resume: bool = parameter(False, 'Go on with the training in the folder.')
+
+
+class LearningNode(ControllerNode):
+    """Drives, or trains: it then resets the simulator to each episode and ends when all is done.
+
+    What the simulator publishes before its first reset took effect is not answered.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Declare the parameters, make the controller, and go on with its training if so asked.
+
+        Raises:
+            SpikelaneError: A parameter is not allowed, or a checkpoint cannot be read.
+        """
+        self._training: Training | None = None
+        self._first_stamp_ns: int | None = None
+        self._observed = 0
+        super().__init__(name)
+
+    def _make_driver(self, name: str) -> Controller:
+        self._weights = self.create_publisher(Weights, 'controller/weights', LATCHED)
+        specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
+        if declare_parameter(self, specs['learning']):
+            # Who learns begins with nothing, unless told otherwise.
+            declare_parameter(self, replace(specs['checkpoint'], default=''))
+        return super()._make_driver(name)
+
+    def _wrap_driver(self, name: str, driver: LearningController) -> Controller:
+        settings = declare_parameters(self, LearningNodeParameters)
+        parameters = declare_parameters(self, TrainingParameters)
+        self._publish_weights(driver, 0)
+        if not driver.learning:
+            return driver
+        if not settings.output:
+            raise ParameterError("output: expected the folder of the training, got ''")
+        if not self._settings.use_lane_state:
+            raise ParameterError('use_lane_state: expected true, since the reward depends on it')
+        config = {
+            'controller': name,
+            'seed': self._settings.seed,
+            name: driver.parameters.to_dict(),
+            'save_every': parameters.save_every,
+        }
+        checkpoint = Path(settings.output) / 'checkpoint.safetensors'
+        self._training = Training(name, driver, parameters, config, checkpoint)
+        if settings.resume:
+            self._training.resume()
+        else:
+            self._training.begin(self._settings.seed)
+        return self._training
+
+    def _start(self) -> None:
+        if self._training is None:
+            super()._start()
+        elif self._training.is_done:
+            self.context.try_shutdown()
+        else:
+            self._client = self.create_client(Reset, 'simulator/reset')
+            # Steady time: that of the simulator does not pass before it is reset.
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._search = self.create_timer(0.1, self._reset_if_there, clock=steady)
+
+    def _reset_if_there(self) -> None:
+        if self._client.service_is_ready():
+            self._search.cancel()
+            lane, episode = self._training.start
+            request = Reset.Request(lane=lane or '', seed=self._settings.seed, episode=episode)
+            self._client.call_async(request).add_done_callback(self._on_first_reset)
+
+    def _on_first_reset(self, answer: Future) -> None:
+        response = answer.result()
+        if not response.success:
+            self.get_logger().fatal(f'simulator/reset: {response.message}')
+            self.exit_status = 1
+            self.context.try_shutdown()
+            return
+        self._first_stamp_ns = conversions.to_stamp_ns(response.stamp)
+        super()._start()
+
+    def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
+        if self._first_stamp_ns not in (None, conversions.to_stamp_ns(packet.header.stamp)):
+            return
+        self._first_stamp_ns = None
+        super()._on_observation(lane, packet)
+        if self._training is not None and self._training.is_done:
+            self.context.try_shutdown()
+
+    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
+        super()._step(lane, packet, stamp_ns)
+        self._observed += 1
+        if self._training is None:
+            return
+        if self._observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.get_subscription_count():
+            self._publish_weights(self._driver, stamp_ns)
+        if self._training.needs_reset:
+            # Its answer is not waited for: the first observation comes by itself.
+            self._client.call_async(Reset.Request(lane='', seed=-1))
+
+    def _publish_weights(self, driver: Any, stamp_ns: int) -> None:
+        weights_pa = driver.weights_pa
+        message = Weights(name='weights', shape=list(weights_pa.shape), unit='pA')
+        message.header.stamp = conversions.to_time(stamp_ns)
+        message.data = weights_pa.ravel().tolist()
+        self._weights.publish(message)

@@ -1,0 +1,162 @@
+"""A graph of nodes of our own: started as processes in a domain of their own, and watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextlib
+import os
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from domain_coordinator import domain_id
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from spikelane.executables import find_executable
+from spikelane.processes import ProcessError, Processes
+from spikelane.run_folder import RunFolder
+from spikelane_sim.files import write_yaml
+
+#: The first start compiles the numerical kernels, which takes long on a slow machine.
+START_DEADLINE_S = 180.0
+STALL_DEADLINE_S = 60.0
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[dict[str, str]]:
+    """Reserve a ROS domain that nobody else on this machine uses.
+
+    Yields:
+        The environment variables that keep processes in it.
+    """
+    before = dict(os.environ)
+    with domain_id() as domain:
+        own = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        # The supervisor reads them in this process, else it would meet other machines' nodes.
+        os.environ |= own
+        try:
+            yield own
+        finally:
+            os.environ.clear()
+            os.environ |= before
+
+
+@contextlib.contextmanager
+def running_nodes(
+    nodes: Sequence[str], parameters: Mapping[str, Any], folder: RunFolder
+) -> Iterator[tuple[Processes, Supervisor]]:
+    """Run nodes in a domain of their own; leaving the block ends them.
+
+    Args:
+        nodes: Their executables.
+        parameters: By node; kept in the folder.
+        folder: Of the run; logs go there too.
+
+    Raises:
+        SpikelaneError: A node is not installed or cannot be started.
+    """
+    file = folder.path / 'parameters.yaml'
+    write_yaml(file, {name: {'ros__parameters': values} for name, values in parameters.items()})
+    with own_domain() as environment, Processes() as processes:
+        for node in nodes:
+            command = [str(find_executable(node)), '--ros-args', '--params-file', str(file)]
+            log = folder.path / 'logs' / f'{node}.log'
+            processes.start(node, command, log, os.environ | environment)
+        with Supervisor(int(environment['ROS_DOMAIN_ID']), processes) as supervisor:
+            yield processes, supervisor
+
+
+class Supervisor:
+    """A node that watches the simulator by its diagnostics, and the processes.
+
+    It does not listen to lane/state: one more reader of every step would slow the lockstep.
+
+    Attributes:
+        node: For services and the like.
+        values: Of the simulator's last diagnostics.
+    """
+
+    def __init__(self, domain: int, processes: Processes) -> None:
+        self._processes = processes
+        self._context = Context()
+        # Signals are the command's business; it ends the children.
+        rclpy.init(
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self.node = Node(
+            'supervisor',
+            context=self._context,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.values: Mapping[str, str] = {}
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+
+    def __enter__(self) -> Supervisor:
+        """Return the supervisor; leaving the block ends it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def wait_for(self, what: str, is_there: Callable[[], bool]) -> None:
+        """Wait until something is there.
+
+        Raises:
+            ProcessError: It takes too long, or a process ends.
+        """
+        deadline_s = time.monotonic() + START_DEADLINE_S
+        while not is_there():
+            if time.monotonic() > deadline_s:
+                raise ProcessError(f'waited {START_DEADLINE_S:g} s for {what}')
+            self.spin()
+
+    def watch(
+        self,
+        is_over: Callable[[float], bool],
+        show: Callable[[], None],
+        *,
+        may_end: Sequence[str] = (),
+        start_s: float = STALL_DEADLINE_S,
+    ) -> None:
+        """Watch the simulator take steps.
+
+        Args:
+            is_over: Given how long there was no step [s], says whether to stop.
+            show: Called when steps were taken.
+            may_end: Processes that may end by themselves.
+            start_s: How long the first step may take [s].
+
+        Raises:
+            ProcessError: No step is taken for too long, or a process ends.
+        """
+        steps, changed_s, allowed_s = '', time.monotonic(), start_s
+        while not is_over(time.monotonic() - changed_s):
+            self.spin(may_end)
+            if (now := self.values.get('steps', '')) != steps:
+                allowed_s = STALL_DEADLINE_S if now not in ('', '0') else start_s
+                steps, changed_s = now, time.monotonic()
+                show()
+            if time.monotonic() - changed_s > allowed_s:
+                raise ProcessError(f'no step was taken for {allowed_s:g} s')
+
+    def spin(self, may_end: Sequence[str] = ()) -> None:
+        """Handle what has come, and check that all processes run but those that may end."""
+        self._executor.spin_once(timeout_sec=0.1)
+        self._processes.check(may_end)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == 'simulator':
+                self.values = {pair.key: pair.value for pair in status.values}

@@ -1,0 +1,62 @@
+"""Training over ROS: simulator and learning controller as processes, in lockstep."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from spikelane.lap import Show
+from spikelane.nodes.graph import running_nodes, START_DEADLINE_S
+from spikelane.run_folder import RunFolder
+from spikelane.training import make_training, TrainConfig
+from spikelane_controllers.training import Training
+
+_END_S = 10.0  # for a node to end by itself, once it has nothing more to do
+
+
+def train_over_ros(
+    config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool
+) -> Training:
+    """Train with simulator and controller as processes.
+
+    Args:
+        config: What to train.
+        folder: Where checkpoints, logs and node parameters go.
+        show: Called about once a second.
+        resume: Whether to go on from the folder's checkpoint.
+
+    Returns:
+        The training as its last checkpoint has it.
+
+    Raises:
+        SpikelaneError: There is no checkpoint to resume from, or a node failed.
+    """
+    # Whether this can be begun or resumed is found out here, before anything is started.
+    begun = make_training(config, folder, resume=resume)
+    if begun.is_done:
+        return begun
+    nodes = ('simulator', config.controller)
+    with running_nodes(nodes, node_parameters(config, folder), folder) as (processes, supervisor):
+
+        def show_progress() -> None:
+            values = supervisor.values
+            steps = begun.steps + int(values.get('steps', 0))
+            show(steps, float(values.get('progress_m', 0.0)))
+
+        supervisor.watch(
+            lambda quiet_s: processes.statuses()[config.controller] is not None,
+            show_progress,
+            may_end=(config.controller,),
+            start_s=START_DEADLINE_S,
+        )
+        processes.wait(config.controller, _END_S)
+    return make_training(config, folder, resume=True)
+
+
+def node_parameters(config: TrainConfig, folder: RunFolder) -> dict[str, dict[str, Any]]:
+    """Return the parameters of a training's nodes, which wait for each other."""
+    both = {'seed': config.seed, 'wait_for_subscribers': 1}
+    learning = {**config.training.to_dict(), 'output': str(folder.path.absolute()), 'resume': True}
+    return {
+        'simulator': config.simulator.to_dict() | both | {'autostart': False},
+        config.controller: config.controller_parameters.to_dict() | both | learning,
+    }
