@@ -55,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
     start_s = time.monotonic()
     with progress(options.json) as show:
         training = _train(config, folder, show, options.resume)
+    if options.resume:  # perhaps for more steps than before
+        folder.write_config(config.to_dict())
     wall_time_s = None if options.resume else time.monotonic() - start_s
     result = report_training(config, training, folder, wall_time_s)
     print(json.dumps(result) if options.json else _summary(result))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import os
+import signal
 import time
 from typing import Any
 
@@ -68,6 +69,25 @@ def running_nodes(
             processes.start(node, command, log, os.environ | environment)
         with Supervisor(int(environment['ROS_DOMAIN_ID']), processes) as supervisor:
             yield processes, supervisor
+
+
+@contextlib.contextmanager
+def _signals_waiting() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait until the block is left.
+
+    What their handlers raise amid a message's conversion in C++ comes out as another exception.
+    """
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    came: list[int] = []
+    for number in handlers:
+        signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 class Supervisor:
@@ -153,7 +173,8 @@ class Supervisor:
 
     def spin(self, may_end: Sequence[str] = ()) -> None:
         """Handle what has come, and check that all processes run but those that may end."""
-        self._executor.spin_once(timeout_sec=0.1)
+        with _signals_waiting():
+            self._executor.spin_once(timeout_sec=0.1)
         self._processes.check(may_end)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

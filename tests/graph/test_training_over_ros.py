@@ -1,0 +1,112 @@
+"""`spikelane train` over ROS: the training in-process, bit for bit, however it is stopped."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_sim.errors import CheckpointError
+
+pytestmark = pytest.mark.ros
+
+STEPS = 650
+DEADLINE_S = 120.0
+#: Uneven weights that lead off the lane soon: several episodes, ended in either way.
+SWERVING = (
+    'simulator.episode.max_distance_m=0.005',
+    'simulator.episode.max_steps=130',
+    'rstdp.initial_weights.low_pa=100',
+    'rstdp.initial_weights.high_pa=500',
+)
+
+
+def start(folder: Path, transport: str, *options: str) -> subprocess.Popen[str]:
+    """Start `spikelane train`."""
+    command = [sys.executable, '-m', 'spikelane.main', 'train', 'rstdp', '--seed', '3', '--json']
+    command += ['--robot', 'kinematic', '--transport', transport, '--out', str(folder)]
+    for each in SWERVING:
+        command += ['--param', each]
+    return subprocess.Popen(
+        [*command, '--steps', str(STEPS), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def train(folder: Path, transport: str, *options: str) -> dict[str, Any]:
+    """Train to the end; return the result."""
+    process = start(folder, transport, *options)
+    output, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, errors
+    return dict(json.loads(output))
+
+
+def checkpoint_bytes(folder: Path) -> bytes:
+    """Return the checkpoint."""
+    return (folder / 'checkpoint.safetensors').read_bytes()
+
+
+@pytest.fixture(scope='module')
+def inprocess(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give the folder of a training in-process."""
+    folder = tmp_path_factory.mktemp('train') / 'inprocess'
+    train(folder, 'inprocess')
+    return folder
+
+
+def test_over_ros_it_is_the_same_training(inprocess: Path, tmp_path: Path) -> None:
+    """Checkpoint, episodes and metrics."""
+    folder = tmp_path / 'ros'
+    result = train(folder, 'ros')
+    assert checkpoint_bytes(folder) == checkpoint_bytes(inprocess)
+    assert (folder / 'episodes.csv').read_text() == (inprocess / 'episodes.csv').read_text()
+    other = json.loads((inprocess / 'metrics.json').read_text())
+    differing = {'transport', 'wall_time_s', 'folder', 'checkpoint', 'figures'}
+    assert {k: v for k, v in result.items() if k not in differing} == {
+        k: v for k, v in other.items() if k not in differing
+    }
+    assert result['transport'] == 'ros'
+    assert result['lane_losses'] > 0
+    logs = {path.name: path.read_text() for path in (folder / 'logs').iterdir()}
+    assert set(logs) == {'simulator.log', 'rstdp.log'}
+    assert not any('Traceback' in text or 'ERROR' in text for text in logs.values()), logs
+
+
+@pytest.mark.parametrize(
+    ('number', 'status', 'transport'),
+    [(signal.SIGKILL, -9, 'inprocess'), (signal.SIGINT, 130, 'ros')],
+)
+def test_stopped_it_goes_on_over_either_transport(
+    inprocess: Path, tmp_path: Path, number: int, status: int, transport: str
+) -> None:
+    """After a kill of the command or Ctrl-C; nothing is left that writes to the folder."""
+    folder = tmp_path / 'stopped'
+    process = start(folder, 'ros')
+    deadline_s = time.monotonic() + DEADLINE_S
+    while saved_steps(folder) < 100:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode in (status, 0), errors  # 0 where it was quicker than the signal
+    result = train(folder, transport, '--resume')
+    assert result['steps'] == STEPS
+    assert checkpoint_bytes(folder) == checkpoint_bytes(inprocess)
+
+
+def saved_steps(folder: Path) -> int:
+    """Return the steps in the checkpoint, -1 where there is none."""
+    try:
+        return int(read_checkpoint(folder, 'rstdp').facts['steps'])
+    except CheckpointError:
+        return -1
