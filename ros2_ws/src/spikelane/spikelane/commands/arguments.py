@@ -20,8 +20,16 @@ _SHOWN_EVERY_STEPS = 100
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 
 
-def add_configuration_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments that determine a run."""
+def add_configuration_arguments(
+    parser: argparse.ArgumentParser, *, transport: str = 'ros', out: str = 'runs/lap-...'
+) -> None:
+    """Declare the arguments that determine a run.
+
+    Args:
+        parser: Of the command.
+        transport: The default.
+        out: The usual folder, as people are told.
+    """
     parser.add_argument(
         '--scenario',
         default='1',
@@ -30,9 +38,10 @@ def add_configuration_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
     parser.add_argument(
         '--transport',
-        default='ros',
+        default=transport,
         choices=TRANSPORTS,
-        help='as processes of a ROS graph, recorded; or within this process (default: ros)',
+        help='as processes of a ROS graph, a lap recorded; or within this process '
+        f'(default: {transport})',
     )
     parser.add_argument(
         '--robot',
@@ -58,7 +67,7 @@ def add_configuration_arguments(parser: argparse.ArgumentParser) -> None:
         '--out',
         type=Path,
         metavar='DIR',
-        help='folder for the results, new or empty (default: runs/lap-..., numbered)',
+        help=f'folder for the results, new or empty (default: {out}, numbered)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 

@@ -28,10 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'steps of 50 ms to drive (default: {TrainingParameters.steps})',
     )
     parser.add_argument(
-        '--resume', action='store_true', help='go on with the training in the folder'
+        '--resume',
+        action='store_true',
+        help='go on with the training in the folder, stopped or done',
     )
-    add_configuration_arguments(parser)
-    parser.set_defaults(transport='inprocess')
+    add_configuration_arguments(parser, transport='inprocess', out='runs/train-...')
 
 
 def run(options: argparse.Namespace) -> int:
