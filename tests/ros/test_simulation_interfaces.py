@@ -67,6 +67,13 @@ class Simulation:
         graph.until(lambda: all(each.service_is_ready() for each in self.clients.values()))
         graph.until(self.steps.server_is_ready)
         graph.until(lambda: self.packets and self.lanes and self.clocks)
+        self.set_state(PAUSED)
+        graph.until(self._is_fed_back, 'feedback')
+
+    def _is_fed_back(self) -> bool:
+        """Take a step; the feedback's reader may be met later than the services."""
+        self.graph.result(self.simulate_steps(1).get_result_async())
+        return bool(self.feedback)
 
     def _on_clock(self, message: Clock) -> None:
         self.clocks.append(to_stamp_ns(message.clock))
