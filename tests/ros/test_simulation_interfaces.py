@@ -69,6 +69,7 @@ class Simulation:
         graph.until(lambda: self.packets and self.lanes and self.clocks)
         self.set_state(PAUSED)
         graph.until(self._is_fed_back, 'feedback')
+        self.set_state(PLAYING)
 
     def _is_fed_back(self) -> bool:
         """Take a step; the feedback's reader may be met later than the services."""
@@ -138,15 +139,17 @@ class Simulation:
 
     def simulate_steps(self, steps: int) -> Any:
         """Send a goal; return its handle."""
-        self.feedback.clear()
+        # A list of its own: what an earlier goal is told may come late.
+        self.feedback = feedback = []
+
+        def on_feedback(message: Any) -> None:
+            told = message.feedback
+            feedback.append((told.completed_steps, told.remaining_steps))
+
         goal = SimulateSteps.Goal(steps=steps)
-        handle = self.graph.result(self.steps.send_goal_async(goal, self._on_feedback))
+        handle = self.graph.result(self.steps.send_goal_async(goal, on_feedback))
         assert handle.accepted
         return handle
-
-    def _on_feedback(self, message: Any) -> None:
-        feedback = message.feedback
-        self.feedback.append((feedback.completed_steps, feedback.remaining_steps))
 
 
 @pytest.fixture(scope='module')
