@@ -69,7 +69,14 @@ class Simulation:
         graph.until(lambda: self.packets and self.lanes and self.clocks)
         self.set_state(PAUSED)
         graph.until(self._is_fed_back, 'feedback')
+        # The readers were met one after the other: begin to count with all of them.
+        graph.until(lambda: len({self.clocks[-1], *map(_stamp_ns, self._last_messages())}) == 1)
+        for seen in (self.clocks, self.lanes, self.packets):
+            seen.clear()
         self.set_state(PLAYING)
+
+    def _last_messages(self) -> tuple[Any, Any]:
+        return self.lanes[-1], self.packets[-1]
 
     def _is_fed_back(self) -> bool:
         """Take a step; the feedback's reader may be met later than the services."""
@@ -150,6 +157,10 @@ class Simulation:
         handle = self.graph.result(self.steps.send_goal_async(goal, on_feedback))
         assert handle.accepted
         return handle
+
+
+def _stamp_ns(message: Any) -> int:
+    return to_stamp_ns(message.header.stamp)
 
 
 @pytest.fixture(scope='module')
