@@ -21,5 +21,10 @@ done
 for _path in "$_root"/ros2_ws/build/*/*.egg-info; do
   _prepend PYTHONPATH "${_path%/*}"
 done
-unset _root _prefix _path
+
+# Numba does not notice when a kernel changes that another file's kernel has taken in: compiled
+# kernels are kept by the text of all of them.
+_kernels=$(cd "$_root" && grep -rl --include='*.py' njit sim_bridge controllers | sort | xargs cat | cksum)
+export NUMBA_CACHE_DIR=$_root/.venv/numba/${_kernels// /-}
+unset _root _prefix _path _kernels
 unset -f _prepend
