@@ -367,6 +367,7 @@ def test_the_episode_ends_where_the_lane_is_left(driver: Driver) -> None:
     driver.wait_for_status(terminated='True', reason='lane_lost', step=str(lane.step))
     ignored = driver.status['commands_ignored']
     driver.say(stamp_of(packet), 1.0, 1.0)
+    driver.wait_for_status(answered='True')
     assert driver.begin().seq == packet.seq + 1
     driver.wait_for_status(terminated='False', commands_ignored=ignored)
 
