@@ -26,11 +26,9 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
-from spikelane_sim.nodes.topics import KEPT_STEPS
 from spikelane_sim.parameters import parameter, Parameters
 
 RELIABLE_10 = QoSProfile(depth=10)
-KEPT_ANSWERS = QoSProfile(depth=KEPT_STEPS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +38,9 @@ class ControllerNodeParameters(Parameters):
     seed: int = parameter(0, "Seed of the controller's randomness.", low=0)
     use_lane_state: bool = parameter(
         True, 'Wait for lane/state with each event packet; false for a real camera.'
+    )
+    history_depth: int = parameter(
+        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
     )
     wait_for_subscribers: int = parameter(
         0, 'Subscribers wheel_velocities must have before an answer is published.', low=0
@@ -84,18 +85,23 @@ class ControllerNode(Node):
             controller=name, neurons=list(getattr(self._driver, 'neurons', ()))
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
-        self._states = self.create_publisher(ControllerState, 'controller/state', KEPT_ANSWERS)
+        kept = QoSProfile(depth=self._settings.history_depth)
+        self._states = self.create_publisher(ControllerState, 'controller/state', kept)
         self._wheels = self.create_publisher(
             WheelVelocities,
             'wheel_velocities',
-            KEPT_ANSWERS,
+            kept,
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._send_answer()),
         )
-        self._observations = DirectSubscriptions(self)
         self._pairs = StampPairs(self._on_observation)
+        self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
         if self._settings.use_lane_state:
             self._observations.subscribe(
-                LaneState, 'lane/state', self._pairs.add_first, RELIABLE_10
+                LaneState,
+                'lane/state',
+                self._pairs.add_first,
+                RELIABLE_10,
+                is_companion=True,
             )
         self._observations.subscribe(
             EventPacket, 'event_camera/events', self._on_packet, RELIABLE_10

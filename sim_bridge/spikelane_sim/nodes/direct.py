@@ -48,23 +48,48 @@ class DirectSubscriptions:
     ends the node with exit status 1, since a lockstep graph would wait for it for ever.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Prepare; nothing is received before `start`."""
+    def __init__(self, node: Node, needs_all: Callable[[], bool] = lambda: False) -> None:
+        """Prepare; nothing is received before `start`.
+
+        Args:
+            node: The node that subscribes.
+            needs_all: Whether to wait for the companions, too, see `subscribe`.
+        """
         self._node = node
+        self._needs_all = needs_all
         self._group = NotForExecutors()
         self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._companions: set[Subscription] = set()
         self._wake = GuardCondition(None, self._group, context=node.context)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
 
     def subscribe(
-        self, kind: type, topic: str, handle: Callable[[Any], None], qos: QoSProfile
+        self,
+        kind: type,
+        topic: str,
+        handle: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        is_companion: bool = False,
     ) -> None:
-        """Subscribe to a topic; before `start` only."""
+        """Subscribe to a topic; before `start` only.
+
+        Args:
+            kind: Type of the messages.
+            topic: Name of the topic.
+            handle: Is given each message.
+            qos: Quality of service.
+            is_companion: Its messages come just before those of another topic and are of use
+                only with them: they are taken then, and wake nobody. A wake-up costs about as
+                much as a step of the simulator.
+        """
         subscription = self._node.create_subscription(
             kind, topic, handle, qos, callback_group=self._group
         )
         self._subscriptions.append((subscription, handle))
+        if is_companion:
+            self._companions.add(subscription)
 
     def start(self) -> None:
         """Begin to handle messages."""
@@ -86,13 +111,15 @@ class DirectSubscriptions:
         try:
             while not self._stopping and context.ok():
                 wait_set.clear_entities()
+                needs_all = self._needs_all()
                 for subscription, _ in self._subscriptions:
-                    wait_set.add_subscription(subscription.handle)
+                    if needs_all or subscription not in self._companions:
+                        wait_set.add_subscription(subscription.handle)
                 for guard in guards:
                     wait_set.add_guard_condition(guard)
                 wait_set.wait(-1)
                 if context.ok():
-                    self._handle(wait_set.get_ready_entities('subscription'))
+                    self._handle()
         except Exception:
             if not context.ok():
                 return  # a signal came in the middle of a message: nothing can be published
@@ -102,8 +129,7 @@ class DirectSubscriptions:
         finally:
             signalled.destroy()
 
-    def _handle(self, ready: list[int]) -> None:
+    def _handle(self) -> None:
         for subscription, handle in self._subscriptions:
-            if subscription.handle.pointer in ready:
-                while taken := subscription.handle.take_message(subscription.msg_type, False):
-                    handle(taken[0])
+            while taken := subscription.handle.take_message(subscription.msg_type, False):
+                handle(taken[0])

@@ -16,6 +16,11 @@ class StampPairs:
         self._on_pair = on_pair
         self._waiting: tuple[dict[tuple[int, int], Any], ...] = ({}, {})
 
+    @property
+    def lacks_first(self) -> bool:
+        """Whether a message of the second topic waits for its partner."""
+        return bool(self._waiting[1])
+
     def add_first(self, message: Any) -> None:
         """Take a message of the first topic."""
         self._add(0, message)

@@ -55,6 +55,9 @@ class SimulatorNodeParameters(Parameters):
     event_encoding: str = parameter(
         'evt3', 'Encoding of the event packets.', choices=('evt3', 'mono')
     )
+    history_depth: int = parameter(
+        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
+    )
     wait_for_subscribers: int = parameter(
         0, 'Subscribers event_camera/events must have before an observation is published.', low=0
     )
@@ -75,7 +78,11 @@ class SimulatorNode(Node):
         self._simulator = Simulator(declare_parameters(self, SimulatorParameters))
         is_realtime = settings.mode == 'realtime'
         self._topics = SimulatorTopics(
-            self, self._simulator, settings.event_encoding, self._on_match
+            self,
+            self._simulator,
+            settings.event_encoding,
+            settings.history_depth,
+            self._on_match,
         )
         self._stepper = Stepper(
             self._simulator,

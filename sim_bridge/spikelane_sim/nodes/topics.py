@@ -23,9 +23,6 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
-#: Lockstep waits for the controller alone. Whoever else listens may be kept from it for a second
-#: by a busy machine, and must then find what it has missed.
-KEPT_STEPS = 1000
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -38,7 +35,12 @@ class SimulatorTopics:
     """
 
     def __init__(
-        self, node: Node, simulator: Simulator, encoding: str, on_match: Callable[[], None]
+        self,
+        node: Node,
+        simulator: Simulator,
+        encoding: str,
+        depth: int,
+        on_match: Callable[[], None],
     ) -> None:
         """Create the publishers.
 
@@ -46,6 +48,7 @@ class SimulatorTopics:
             node: The node that publishes.
             simulator: Where the robot's state comes from.
             encoding: Of the event packets.
+            depth: Messages kept for a subscriber that is late.
             on_match: Called when a subscriber to the event packets is met or lost.
         """
         self._simulator = simulator
@@ -54,7 +57,7 @@ class SimulatorTopics:
         self._make_messages(simulator)
         self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
-        publish = partial(self._publisher, node)
+        publish = partial(self._publisher, node, QoSProfile(depth=depth))
         self._optional = (
             (publish(Clock, '/clock'), self._fill_clock),
             (publish(TFMessage, '/tf'), self._fill_tf),
@@ -68,7 +71,7 @@ class SimulatorTopics:
         self._events = node.create_publisher(
             EventPacket,
             'event_camera/events',
-            QoSProfile(depth=KEPT_STEPS),
+            QoSProfile(depth=depth),
             event_callbacks=PublisherEventCallbacks(matched=lambda _: on_match()),
         )
         self._tf_static.publish(
@@ -119,8 +122,8 @@ class SimulatorTopics:
         self._lane.header.frame_id = conversions.WORLD_FRAME
 
     @staticmethod
-    def _publisher(node: Node, kind: type, topic: str) -> Any:
-        return node.create_publisher(kind, topic, QoSProfile(depth=KEPT_STEPS))
+    def _publisher(node: Node, qos: QoSProfile, kind: type, topic: str) -> Any:
+        return node.create_publisher(kind, topic, qos)
 
     @property
     def _robot(self) -> RobotState:

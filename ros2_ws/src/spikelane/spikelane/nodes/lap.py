@@ -83,6 +83,10 @@ def node_parameters(
     Simulator and controller wait for each other and the recorder before they publish.
     """
     both = {'seed': config.seed, 'wait_for_subscribers': 1 + is_recorded}
+    if is_recorded:
+        # Lockstep waits for the controller alone: a recorder that a busy machine kept away for a
+        # second must find what it has missed.
+        both['history_depth'] = 1000
     return {
         'simulator': config.simulator.to_dict() | both | {'autostart': False},
         config.controller: config.controller_parameters.to_dict() | both,
