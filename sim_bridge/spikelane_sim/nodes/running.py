@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import gc
 import signal
 import sys
 from typing import Protocol
@@ -37,9 +36,6 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     node = None
     try:
         node = make_node()
-        # What is there now stays: the collector need not go through it while the graph runs.
-        gc.collect()
-        gc.freeze()
         rclpy.spin(node)
     except SpikelaneError as error:
         return _refuse(str(error))
