@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from spikelane_msgs.msg import ControllerState, LaneState, Weights
 from spikelane_msgs.srv import Reset
 
@@ -101,7 +102,9 @@ def same(folder: Path, expected: dict[str, np.ndarray]) -> bool:
 
 def test_it_trains_as_in_process(graph, simulator: list[Any], tmp_path: Path) -> None:
     """What the simulator did before is of no matter; the node ends by itself."""
-    weights = heard(graph, Weights, '/train/controller/weights', LATCHED)
+    # A reader that keeps one message only misses some on a busy machine.
+    kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    weights = heard(graph, Weights, '/train/controller/weights', kept)
     node = start_training(graph, tmp_path / 'ros', steps=350)
     graph.until(lambda: node.status is not None, 'its end')
     assert (node.status, node.log) == (0, '')
