@@ -17,7 +17,8 @@ train() { # SCENARIO STEPS SEED
     >"$run.part" && mv "$run.part" "$run.train.json"; }
   local lane
   for lane in outer inner; do
-    [ -e "$run.$lane.json" ] || { "$root/spikelane" lap --controller dqn --checkpoint "$run" \
+    [ -e "$run.$lane.json" ] || { rm -rf "$run-$lane"
+      "$root/spikelane" lap --controller dqn --checkpoint "$run" \
       --scenario "$1" --lane "$lane" --seed "$((100 + $3))" --transport inprocess \
       --out "$run-$lane" --json 2>>"$run.log" >"$run.part" || true
       mv "$run.part" "$run.$lane.json"; }
