@@ -6,6 +6,8 @@
         trajectory.csv  one row per step
         episodes.csv    one row per episode of a training
         checkpoint.*    what a training stands at
+        states.zst      states met in a training of the deep Q-network
+        tensorboard/    its log
         metrics.json    what came out
         figures/        drawn from the above
 
@@ -27,7 +29,7 @@ from typing import Any
 from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
-VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet')
+VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
 
 
 class RunFolderError(FileError):
