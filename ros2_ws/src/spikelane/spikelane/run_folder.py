@@ -6,6 +6,8 @@
         trajectory.csv  one row per step
         episodes.csv    one row per episode of a training
         checkpoint.*    what a training stands at
+        states.zst      states met in a training of the deep Q-network
+        tensorboard/    its log
         metrics.json    what came out
         figures/        drawn from the above
 
