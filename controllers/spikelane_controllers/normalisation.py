@@ -19,6 +19,8 @@ from spikelane_sim.errors import SpikelaneError
 #: single precision below 16, in whatever order a simulator adds: all get the same spikes.
 GRID = 2.0**-20
 
+Weights = NDArray[np.float32]
+
 
 class NormalisationError(SpikelaneError):
     """Weights cannot be normalised."""
@@ -34,9 +36,7 @@ class Normalised(NamedTuple):
     output_divisor: float
 
 
-def largest_input(
-    weights: NDArray[np.floating], bias: NDArray[np.floating] | None = None
-) -> float:
+def largest_input(weights: Weights, bias: Weights | None = None) -> float:
     """Return the largest sum of positive weights of any neuron, a positive bias counted.
 
     Args:
@@ -71,14 +71,14 @@ def normalise(network: FeedForward) -> Normalised:
     )
 
 
-def _divisor(name: str, weights: NDArray[np.floating], bias: NDArray[np.floating] | None) -> float:
+def _divisor(name: str, weights: Weights, bias: Weights | None) -> float:
     divisor = largest_input(weights, bias)
     if not divisor > 0:
         raise NormalisationError(f'{name} layer: expected a positive weight, got none')
     return divisor
 
 
-def _scaled(weights: NDArray[np.floating], divisor: float) -> NDArray[np.float32]:
+def _scaled(weights: Weights, divisor: float) -> Weights:
     scaled = weights.astype(np.float64) / divisor
-    on_grid: NDArray[np.float32] = (np.trunc(scaled / GRID) * GRID).astype(np.float32)
+    on_grid: Weights = (np.trunc(scaled / GRID) * GRID).astype(np.float32)
     return on_grid

@@ -26,6 +26,12 @@ def network(hidden: object, bias: object, output: object) -> FeedForward:
     return FeedForward(*(np.array(each, np.float32) for each in (hidden, bias, output)))
 
 
+def drawn_network(rng: np.random.Generator, inputs: int, hidden: int) -> FeedForward:
+    """Make a normalised network of random weights, with three outputs."""
+    shapes = ((hidden, inputs), (hidden,), (3, hidden))
+    return normalise(network(*(rng.normal(size=shape) for shape in shapes))).network
+
+
 def spikes(*pairs: tuple[int, int]) -> Spikes:
     """Make input spikes of (time step, source)."""
     return np.array(list(pairs), SPIKE_DTYPE)
@@ -99,9 +105,7 @@ def test_two_inputs_in_a_step_add_up() -> None:
 def test_potentials_live_on_between_windows() -> None:
     """Windows of any length give the same; nothing given is written to."""
     rng = np.random.default_rng(5)
-    net, _, _ = normalise(
-        network(rng.normal(size=(7, 11)), rng.normal(size=7), rng.random((3, 7)))
-    )
+    net = drawn_network(rng, 11, 7)
     steps, sources = np.nonzero(rng.random((60, 11)) < 0.4)
     inputs = np.array(list(zip(steps, sources, strict=True)), SPIKE_DTYPE)
     whole_potentials, whole = run(net, inputs, 60)
@@ -150,8 +154,7 @@ def test_a_normalised_network_never_needs_two_spikes_in_a_step() -> None:
     Reset by subtraction, which keeps what is above, potentials stay below the threshold.
     """
     rng = np.random.default_rng(2)
-    shapes = ((30, 64), (30,), (3, 30))
-    net, _, _ = normalise(network(*(rng.normal(size=shape) for shape in shapes)))
+    net = drawn_network(rng, 64, 30)
     inputs = spikes(*((step, source) for step in range(200) for source in range(64)))
     for values in (inputs, inputs[rng.random(len(inputs)) < 0.7]):
         potentials, fired = run(net, values, 200, reset='subtract')
@@ -190,8 +193,7 @@ def test_rates_converge_to_the_activations(reset: str) -> None:
 def test_rates_of_a_whole_network_converge_when_nothing_is_lost() -> None:
     """Neither above the threshold nor below 0: constant inputs, subtraction, no clamp."""
     rng = np.random.default_rng(3)
-    shapes = ((20, 30), (20,), (3, 20))
-    net, _, _ = normalise(network(*(rng.normal(size=shape) for shape in shapes)))
+    net = drawn_network(rng, 30, 20)
     on = rng.random(30) < 0.5
     expected = activate(net, on[None].astype(np.float32))
     assert (expected.output > 0).any()
@@ -209,11 +211,10 @@ def test_rates_of_a_whole_network_converge_when_nothing_is_lost() -> None:
     assert errors[0][1] > errors[-1][1]
 
 
-def test_unnormalised_sums_are_exact_in_any_order() -> None:
-    """Weights on the grid: the same bits, whatever the order of the inputs."""
+def test_sums_are_exact_in_any_order() -> None:
+    """Of normalised weights: the same bits, whatever the order of the inputs."""
     rng = np.random.default_rng(6)
-    shapes = ((40, 512), (40,), (3, 40))
-    net, _, _ = normalise(network(*(rng.normal(size=shape) for shape in shapes)))
+    net = drawn_network(rng, 512, 40)
     inputs = spikes(*((0, source) for source in range(512)))
     forwards, _ = run(net, inputs, 1, clamped=False)
     backwards, _ = run(net, inputs[::-1].copy(), 1, clamped=False)
