@@ -96,6 +96,7 @@ class Learnt(NamedTuple):
 
 def learn_policy(
     states: Labelled,
+    actions: int,
     frames: int,
     parameters: TransferParameters,
     rng: np.random.Generator,
@@ -107,6 +108,7 @@ def learn_policy(
 
     Args:
         states: All of them.
+        actions: How many there are, labelled or not.
         frames: Steps of 50 ms that a state counts.
         parameters: How.
         rng: Where all random numbers come from.
@@ -120,7 +122,7 @@ def learn_policy(
     maximum = parameters.maximum or int(states.counts.max())
     curve = []
     with _one_thread():
-        training = _Training(train, maximum, int(states.actions.max()) + 1, parameters, rng)
+        training = _Training(train, maximum, actions, parameters, rng)
         sample = _take(train, rng.permutation(len(train.actions))[: len(held_out.actions)])
         for step in range(1, parameters.steps + 1):
             training.step()

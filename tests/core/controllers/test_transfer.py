@@ -37,13 +37,15 @@ QUICK = TransferParameters(hidden=16, steps=300, learning_rate=0.01, measure_eve
 
 def test_it_learns_what_can_be_learnt() -> None:
     """And measures it on states it was not trained with."""
-    learnt = learn_policy(states(), 10, QUICK, np.random.default_rng(1))
+    learnt = learn_policy(states(), 3, 10, QUICK, np.random.default_rng(1))
     assert [each.step for each in learnt.curve] == [100, 200, 300]
     assert learnt.curve[-1].held_out == 1.0
     assert len(learnt.held_out.actions) == 60
     assert learnt.scale == (10, 8)
     shapes = [each.shape for each in learnt.network]
     assert shapes == [(16, 12), (16,), (3, 16)]
+    more = learn_policy(states(), 4, 10, QUICK, np.random.default_rng(1))
+    assert more.network.output_weights.shape == (4, 16)  # also where an action is never labelled
     assert accuracy(learnt.network, states(seed=5), 8) > 0.99
     wrong = Labelled(states(seed=5).counts, (states(seed=5).actions + 1) % 3)
     assert accuracy(learnt.network, wrong, 8) < 0.01
@@ -53,10 +55,10 @@ def test_the_same_seed_gives_the_same_weights() -> None:
     """To the last bit, whatever PyTorch's own generator is at; another seed gives others."""
     import torch
 
-    one = learn_policy(states(), 10, QUICK, np.random.default_rng(1))
+    one = learn_policy(states(), 3, 10, QUICK, np.random.default_rng(1))
     torch.manual_seed(99)
     same, other = (
-        learn_policy(states(), 10, QUICK, np.random.default_rng(seed)) for seed in (1, 2)
+        learn_policy(states(), 3, 10, QUICK, np.random.default_rng(seed)) for seed in (1, 2)
     )
     assert [each.tobytes() for each in one.network] == [each.tobytes() for each in same.network]
     assert one.curve == same.curve
@@ -72,6 +74,7 @@ def test_a_rare_action_is_learnt_sooner_from_balanced_batches() -> None:
         accuracy(
             learn_policy(
                 rare,
+                3,
                 10,
                 TransferParameters(**{**few.to_dict(), 'balanced': is_balanced}),
                 np.random.default_rng(0),
@@ -92,7 +95,7 @@ def test_a_smaller_maximum_cuts_counts_off() -> None:
     assert accuracy(network, Labelled(counts, np.array([1])), 8) == 1.0
     assert accuracy(network, Labelled(counts, np.array([0])), 2) == 1.0  # the first of equals
     limited = TransferParameters(**{**QUICK.to_dict(), 'maximum': 5})
-    assert learn_policy(states(), 10, limited, np.random.default_rng(1)).scale == (10, 5)
+    assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
 
 
 def test_class_shares() -> None:
@@ -114,7 +117,7 @@ def test_class_shares() -> None:
 def test_states_that_teach_nothing_are_refused(given: Labelled, message: str) -> None:
     """One sentence."""
     with pytest.raises(TransferError, match=message):
-        learn_policy(given, 10, QUICK, np.random.default_rng(0))
+        learn_policy(given, 3, 10, QUICK, np.random.default_rng(0))
 
 
 def test_states_are_gathered_where_the_policy_drives() -> None:

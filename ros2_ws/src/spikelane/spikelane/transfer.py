@@ -167,6 +167,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
     labelled = Labelled(counts, actions.astype(np.int64))
     learnt = learn_policy(
         labelled,
+        len(ACTIONS),
         config.gathering.encoding.frames,
         config.transfer,
         np.random.default_rng([config.seed, 3]),  # 0 to 2: simulator, controller, gathering
