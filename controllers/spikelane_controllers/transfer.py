@@ -59,6 +59,12 @@ class TransferParameters(Parameters):
         high=255,
         source='section 3.5',
     )
+    input_gain: float = parameter(
+        1.0,
+        'Inputs are multiplied by this while training, and the first weights afterwards: where '
+        'most are small it makes learning quicker.',
+        low=1e-3,
+    )
     balanced: bool = parameter(
         False, 'Whether batches have as many states of each action, however rare it is.'
     )
@@ -191,7 +197,8 @@ class _Training:
             for group in self._adam.param_groups:
                 group['lr'] = self._parameters.learning_rate * (1 + math.cos(math.pi * share)) / 2
         batch = _take(self._states, self._drawn())
-        inputs = torch.from_numpy(scaled(batch.counts, self._maximum))
+        gain = np.float32(self._parameters.input_gain)
+        inputs = torch.from_numpy(scaled(batch.counts, self._maximum) * gain)
         loss = torch.nn.functional.cross_entropy(
             self._outputs(inputs), torch.from_numpy(batch.actions)
         )
@@ -201,8 +208,9 @@ class _Training:
         self._done += 1
 
     def network(self) -> FeedForward:
-        """Return a copy of the weights."""
-        return FeedForward(*(each.detach().numpy().copy() for each in self._weights))
+        """Return a copy of the weights, for inputs without a gain."""
+        weights, bias, output = (each.detach().numpy().copy() for each in self._weights)
+        return FeedForward(weights * np.float32(self._parameters.input_gain), bias, output)
 
     def _outputs(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the outputs before rectification, which would hide those below 0."""

@@ -97,10 +97,12 @@ def export_transferred(checkpoint: Path, path: Path, command: str) -> None:
         FileError: The network cannot be written.
     """
     arrays, facts = read_checkpoint(checkpoint, CONTROLLER)
-    if 'config' not in facts:
+    if 'checkpoint' not in facts.get('config', {}):
         raise CheckpointError(f'{checkpoint}: expected the checkpoint of a transfer')
     spiking = {name: each for name, each in arrays.items() if name.startswith(f'{_SPIKING}.')}
-    write_checkpoint(path, CONTROLLER, spiking, {**facts, 'command': command})
+    # Of the machine it was made on, only the folder's name is of interest.
+    config = {**facts['config'], 'checkpoint': Path(facts['config']['checkpoint']).name}
+    write_checkpoint(path, CONTROLLER, spiking, {**facts, 'config': config, 'command': command})
 
 
 def _network(arrays: Mapping[str, Any], inputs: int, outputs: int) -> FeedForward:

@@ -20,6 +20,7 @@ from spikelane_controllers.transferred import (
     Transferred,
     write_transferred,
 )
+from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_NS
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.events import make_events, no_events
@@ -48,7 +49,9 @@ def save(folder: Path, network: FeedForward, maximum: int = 10, frames: int = 10
     """Write a network as a transfer's checkpoint; return the path."""
     file = folder / 'checkpoint.safetensors'
     transferred = Transferred(network, InputScale(frames, maximum))
-    write_transferred(file, network, transferred, {'config': {'seed': 0}})
+    write_transferred(
+        file, network, transferred, {'config': {'seed': 0, 'checkpoint': '/home/x/dqn'}}
+    )
     return str(file)
 
 
@@ -132,9 +135,23 @@ def test_what_is_shipped_is_the_spiking_network_alone(random_network: str, tmp_p
     arrays, facts = read_checkpoint(file, 'dqn_snn')
     assert set(arrays) == {f'network.{name}' for name in FeedForward._fields}
     assert facts['command'] == 'spikelane transfer'
+    assert facts['config'] == {'seed': 0, 'checkpoint': 'dqn'}
     one, other = (read_transferred(str(each), INPUTS, 3) for each in (random_network, file))
     assert one.scale == other.scale
     assert all((a == b).all() for a, b in zip(one.network, other.network, strict=True))
+
+
+def test_networks_are_shipped() -> None:
+    """Each is small, and the file says by which command it was made."""
+    assert 'scenario_1' in shipped_weights('dqn_snn')
+    assert not any('snn' in name for name in shipped_weights('dqn'))
+    folder = Path(__file__).parents[3] / 'controllers/spikelane_controllers/weights'
+    for name in shipped_weights('dqn_snn'):
+        file = folder / f'dqn_snn_{name}.safetensors'
+        assert file.stat().st_size < 500_000
+        assert read_transferred(name, INPUTS, 3).scale.frames == 10
+        command = read_checkpoint(file, 'dqn_snn').facts['command']
+        assert command.startswith('spikelane transfer --checkpoint ')
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,15 @@ def test_a_smaller_maximum_cuts_counts_off() -> None:
     assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
 
 
+def test_a_gain_is_taken_over_by_the_first_weights() -> None:
+    """The network is for inputs without it, and as good."""
+    gained = TransferParameters(**{**QUICK.to_dict(), 'input_gain': 4.0, 'steps': 200})
+    learnt = learn_policy(states(), 3, 10, gained, np.random.default_rng(1))
+    assert accuracy(learnt.network, states(seed=5), 8) > 0.99
+    largest = np.abs(learnt.network.hidden_weights).max()
+    assert largest > 4 / np.sqrt(12) * 0.9  # initial weights are within 1 / sqrt(12)
+
+
 def test_class_shares() -> None:
     """Of all actions, met or not."""
     assert class_shares(np.array([0, 0, 0, 2]), 4) == [0.75, 0.0, 0.25, 0.0]
