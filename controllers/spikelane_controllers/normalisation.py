@@ -1,8 +1,12 @@
-"""Model-based weight normalisation (paper section 3.5, algorithm 1; Diehl et al. 2015).
+"""Weight normalisation (paper section 3.5, algorithm 1; Diehl et al. 2015).
 
-Each layer is divided by the largest input that any of its neurons can get when everything that
-excites it fires at once. Then no neuron gets more than its threshold in a time step, and so none
-would have to fire twice in one.
+Model-based, each layer is divided by the largest input that any of its neurons can get when
+everything that excites it fires at once. Then no neuron gets more than its threshold in a time
+step, and so none would have to fire twice in one. Weights that are learnt for long are large, and
+what is divided by so much hardly ever fires.
+
+Data-based, each layer is divided by the largest activation on some data, which is much less. Rates
+are then at most 1 on average; in a single time step a neuron may get more than its threshold.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.feedforward import FeedForward
+from spikelane_controllers.feedforward import activate, FeedForward
 from spikelane_sim.errors import SpikelaneError
 
 #: Normalised weights are multiples of this. Sums of them are exact in double precision, and in
@@ -29,7 +33,7 @@ class NormalisationError(SpikelaneError):
 
 
 class Normalised(NamedTuple):
-    """A network of which no neuron's input exceeds 1, and what its layers were divided by."""
+    """A normalised network, and what its layers were divided by."""
 
     network: FeedForward
     hidden_divisor: float
@@ -49,17 +53,31 @@ def largest_input(weights: Weights, bias: Weights | None = None) -> float:
     return float(sums.max())
 
 
-def normalise(network: FeedForward) -> Normalised:
-    """Divide each layer by its largest possible input (algorithm 1).
+def normalise(network: FeedForward, values: NDArray[np.float32] | None = None) -> Normalised:
+    """Divide each layer by its largest possible input (algorithm 1), or by that on data.
 
-    The weights are rounded towards zero to multiples of GRID, so that no sum exceeds 1. Outputs
-    keep their order: the first layer's divisor scales the second one's inputs alike.
+    The weights are rounded towards zero to multiples of GRID, so that no sum exceeds what it was
+    to be. Outputs keep their order: the first layer's divisor scales the second one's inputs
+    alike.
+
+    Args:
+        network: As it was trained.
+        values: Inputs to take the largest activations on, (n, n_inputs); None for those that
+            are possible.
 
     Raises:
-        NormalisationError: No weight of a layer is positive.
+        NormalisationError: Nothing excites a layer.
     """
-    hidden = _divisor('hidden', network.hidden_weights, network.hidden_bias)
-    output = _divisor('output', network.output_weights, None)
+    if values is None:
+        hidden = largest_input(network.hidden_weights, network.hidden_bias)
+        output = largest_input(network.output_weights)
+    else:
+        activations = activate(network, values)
+        hidden = float(activations.hidden.max())
+        output = float(activations.output.max()) / (hidden or 1.0)
+    for name, divisor in (('hidden', hidden), ('output', output)):
+        if not divisor > 0:
+            raise NormalisationError(f'{name} layer: expected something to excite it, got nothing')
     return Normalised(
         FeedForward(
             _scaled(network.hidden_weights, hidden),
@@ -69,13 +87,6 @@ def normalise(network: FeedForward) -> Normalised:
         hidden,
         output,
     )
-
-
-def _divisor(name: str, weights: Weights, bias: Weights | None) -> float:
-    divisor = largest_input(weights, bias)
-    if not divisor > 0:
-        raise NormalisationError(f'{name} layer: expected a positive weight, got none')
-    return divisor
 
 
 def _scaled(weights: Weights, divisor: float) -> Weights:

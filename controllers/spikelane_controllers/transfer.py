@@ -65,6 +65,13 @@ class TransferParameters(Parameters):
         'most are small it makes learning quicker.',
         low=1e-3,
     )
+    normalisation: str = parameter(
+        'model',
+        'Layers are divided by their largest possible input, or by their largest activation on '
+        'states held out.',
+        choices=('model', 'data'),
+        source='section 3.5, algorithm 1',
+    )
     balanced: bool = parameter(
         False, 'Whether batches have as many states of each action, however rare it is.'
     )

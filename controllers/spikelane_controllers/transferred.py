@@ -78,7 +78,8 @@ def read_transferred(name: str, inputs: int, outputs: int) -> Transferred:
     try:
         network = _network(arrays, inputs, outputs)
         scale = InputScale(*(_count(facts, field) for field in InputScale._fields))
-        _check_normalised(network)
+        if facts.get('normalisation', 'model') == 'model':
+            _check_normalised(network)
     except CheckpointError as error:
         raise CheckpointError(f'{file}: {error}') from None
     return Transferred(network, scale)

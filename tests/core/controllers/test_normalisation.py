@@ -80,10 +80,26 @@ def test_normalised_weights_are_multiples_of_the_grid() -> None:
     assert GRID == 2**-20
 
 
+def test_by_data_activations_become_one_at_most() -> None:
+    """By hand: 8 is the largest hidden activation, 6 / 8 the largest output for it as 1."""
+    values = np.array([[1, 1, 0], [1, 0, 0]], np.float32)
+    before = activate(TINY, values)
+    assert before.hidden.tolist() == [[2.0, 4.0], [0.0, 8.0]]
+    assert before.output.tolist() == [[-2.0, 6.0], [-24.0, 4.0]]
+    network, hidden, output = normalise(TINY, values)
+    assert (hidden, output) == (8.0, 0.75)
+    after = activate(network, values)
+    assert after.hidden.tolist() == [[0.25, 0.5], [0.0, 1.0]]
+    assert after.output.max() == pytest.approx(1.0, abs=1e-5)
+    assert largest_input(network.output_weights) > 1
+
+
 @pytest.mark.parametrize('layer', ['hidden', 'output'])
 def test_a_layer_that_nothing_excites_is_refused(layer: str) -> None:
     """It would be divided by 0."""
     one = {'hidden': -1.0, 'output': 1.0} if layer == 'hidden' else {'hidden': 1.0, 'output': 0.0}
     silent = network([[one['hidden']]], [0.0], [[one['output']]])
-    with pytest.raises(NormalisationError, match=f'{layer} layer: expected a positive weight'):
+    with pytest.raises(
+        NormalisationError, match=f'{layer} layer: expected something to excite it'
+    ):
         normalise(silent)

@@ -175,7 +175,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
     )
     return PolicyTransfer(
         learnt,
-        normalise(learnt.network),
+        normalise(learnt.network, _data(config, learnt)),
         {name: len(states) for name, states in parts.items()},
         class_shares(labelled.actions, len(ACTIONS)),
     )
@@ -215,6 +215,7 @@ def report_transfer(
         'training_accuracy': learnt.curve[-1].training,
         'paper_accuracy': paper,
         'maximum': learnt.scale.maximum,
+        'normalisation': config.transfer.normalisation,
         'hidden_divisor': normalised.hidden_divisor,
         'output_divisor': normalised.output_divisor,
         'rates': {name: [each._asdict() for each in errors] for name, errors in rates.items()},
@@ -224,6 +225,7 @@ def report_transfer(
     }
     facts = {
         'config': config.to_dict(),
+        'normalisation': config.transfer.normalisation,
         'accuracy': result['accuracy'],
         'states': done.states,
         'curve': [list(each) for each in learnt.curve],
@@ -251,6 +253,13 @@ def _policy(config: TransferConfig) -> Dqn:
 def _action(policy: Dqn, counts: Counts) -> int:
     state = (counts > 0).astype(np.uint8).reshape(1, -1)
     return int(action_values(policy.network, state)[0].argmax())
+
+
+def _data(config: TransferConfig, learnt: Learnt) -> NDArray[np.float32] | None:
+    """Return the inputs to normalise by, None where the weights alone decide."""
+    if config.transfer.normalisation == 'model':
+        return None
+    return scaled(learnt.held_out.counts, learnt.scale.maximum)
 
 
 def _states_file(checkpoint: Path) -> Path:
