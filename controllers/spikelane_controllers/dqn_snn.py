@@ -22,6 +22,7 @@ from spikelane_controllers.integrate_and_fire import (
 from spikelane_controllers.transferred import InputScale, read_transferred
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
+from spikelane_sim.events import no_events
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 
@@ -98,6 +99,9 @@ class DqnSnn:
         self._scale = transferred.scale
         self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
         self._image = StateImage(encoding)
+        self.reset(np.random.default_rng(0))
+        # So that what is compiled is ready before a simulator waits for the first answer.
+        self.step(Observation(0, no_events(), None))
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
