@@ -9,15 +9,16 @@
 The next state's value is that of double DQN: the network picks the action, the target network
 values it. The loss is the squared error, the optimiser Adam.
 
-All weights lie in one flat tensor, so that Adam and the soft update are one operation each. One
-thread computes, which is quickest for so small a network and gives the same bits each time.
+So small a network takes PyTorch more time to manage than to compute: therefore all weights lie in
+one flat tensor, Adam and the soft update being one operation each, and the gradient is written
+out. One thread computes, which is quickest here and gives the same bits each time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from spikelane_controllers.q_network import (
     network_views,
     QNetwork,
 )
-from spikelane_controllers.replay import Replay
+from spikelane_controllers.replay import Batch, Replay
 from spikelane_controllers.state import array, gather, number, spread, State
 from spikelane_sim.errors import ParameterError
 
@@ -58,16 +59,14 @@ class QLearning:
         self._n_actions = len(network.biases_3)
         self._replay = Replay(parameters.buffer_size, len(network.weights_1))
         self._weights = torch.zeros(sum(map(np.size, network)), device=parameters.device)
-        self._target = torch.zeros_like(self._weights)
         self._weights.grad = torch.zeros_like(self._weights)
-        self._layers = self._views(self._weights)
-        for layer, gradient in zip(self._layers, self._views(self._weights.grad), strict=True):
-            layer.requires_grad_().grad = gradient
-        self._target_layers = self._views(self._target)
+        self._target = torch.zeros_like(self._weights)
+        self._layers = self._to_layers(self._weights)
+        self._gradients = self._to_layers(self._weights.grad)
+        self._target_layers = self._to_layers(self._target)
         self._adam = torch.optim.Adam([self._weights], parameters.learning_rate, fused=True)
         # Filled in place: where a tensor begins in memory may change the last bits.
-        shape = (parameters.batch_size, len(network.weights_1))
-        self._states, self._next_states = torch.empty(shape), torch.empty(shape)
+        self._batch = _Batch.empty(parameters.batch_size, len(network.weights_1))
         self._set(network, network, np.zeros(len(self._weights)), np.zeros(len(self._weights)), 0)
         self.steps = 0
         self.loss = math.nan
@@ -140,32 +139,48 @@ class QLearning:
         self.steps, self.loss = steps, math.nan
 
     def _update(self, rng: np.random.Generator) -> None:
-        batch = self._replay.sample(self._parameters.batch_size, rng)
-        self._states.numpy()[:] = batch.states
-        self._next_states.numpy()[:] = batch.next_states
-        device = self._parameters.device
-        states, next_states = self._states.to(device), self._next_states.to(device)
-        actions = torch.tensor(batch.actions, device=device)[:, None]
-        rewards = torch.tensor(batch.rewards, device=device)[:, None]
-        goes_on = torch.tensor(~batch.is_final, device=device)[:, None]
-
-        with torch.no_grad():
-            best = _values(self._layers, next_states).argmax(dim=1, keepdim=True)
-            worth = _values(self._target_layers, next_states).gather(1, best)
-            aims = rewards + self._parameters.discount * worth * goes_on
-        values = _values(self._layers, states).gather(1, actions)
-        loss = torch.nn.functional.mse_loss(values, aims)
-        self._adam.zero_grad(set_to_none=False)
+        size = self._parameters.batch_size
+        batch = self._batch.filled(self._replay.sample(size, rng)).to(self._parameters.device)
         # Means of gradients that have vanished become so small that they cost ten times the time.
         torch.set_flush_denormal(True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        self._adam.step()
         with torch.no_grad():
+            outputs = _forward(self._layers, batch.states)  # of states, then of next states
+            best = outputs[-1][size:].argmax(dim=1, keepdim=True)
+            worth = _forward(self._target_layers, batch.states[size:])[-1].gather(1, best)
+            aims = batch.rewards + self._parameters.discount * worth * batch.goes_on
+            errors = outputs[-1][:size].gather(1, batch.actions) - aims
+            self._set_gradients([batch.states, *outputs], batch.actions, errors)
+            self._adam.step()
             self._target.lerp_(self._weights, self._parameters.soft_update)
         torch.set_flush_denormal(False)
-        self.loss = loss.item()
+        self.loss = errors.square().mean().item()
         self.updates += 1
         self._show()
+
+    def _set_gradients(
+        self, values: list[torch.Tensor], actions: torch.Tensor, errors: torch.Tensor
+    ) -> None:
+        """Set the gradients of the mean squared error.
+
+        Args:
+            values: Inputs and outputs of all layers, in the first rows of the batch's states.
+            actions: Whose values are in error, (n, 1).
+            errors: By how much, (n, 1).
+        """
+        size = len(errors)
+        # Of the error, with respect to a layer's outputs before rectification; last layer first.
+        slopes = torch.zeros_like(values[-1][:size]).scatter_(1, actions, errors * (2 / size))
+        for inputs, weights, by_weights, by_biases in zip(
+            values[-2::-1],
+            self._layers[-2::-2],
+            self._gradients[-2::-2],
+            self._gradients[::-2],
+            strict=True,
+        ):
+            torch.mm(inputs[:size].t(), slopes, out=by_weights)
+            torch.sum(slopes, 0, out=by_biases)
+            if inputs is not values[0]:
+                slopes = torch.mm(slopes, weights.t()).mul_(inputs[:size] > 0)
 
     def _set(
         self,
@@ -188,20 +203,53 @@ class QLearning:
         self._show()
 
     def _show(self) -> None:
-        """Let `network` be what the weights are; on the CPU they are the same memory."""
-        self.network = self._to_network(self._weights)
+        """Let `network` be what the weights are; on the CPU it always is, in the same memory."""
+        if self._parameters.device != 'cpu' or not self.updates:
+            self.network = self._to_network(self._weights)
 
     def _to_network(self, flat: torch.Tensor) -> QNetwork:
-        return network_views(flat.detach().cpu().numpy(), self._shapes)
+        return network_views(flat.cpu().numpy(), self._shapes)
 
-    def _views(self, flat: torch.Tensor) -> list[torch.Tensor]:
+    def _to_layers(self, flat: torch.Tensor) -> list[torch.Tensor]:
         parts = torch.split(flat, [math.prod(shape) for shape in self._shapes])
         return [part.view(shape) for part, shape in zip(parts, self._shapes, strict=True)]
 
 
-def _values(layers: list[torch.Tensor], states: torch.Tensor) -> torch.Tensor:
-    """Return the values of all actions, (n, n_actions), in states (n, n_inputs)."""
+class _Batch(NamedTuple):
+    """Transitions as tensors, n of them."""
+
+    states: torch.Tensor  # before, then after them, (2 n, n_inputs)
+    actions: torch.Tensor  # (n, 1)
+    rewards: torch.Tensor  # (n, 1)
+    goes_on: torch.Tensor  # 0 where nothing is to be gained after them, else 1, (n, 1)
+
+    @classmethod
+    def empty(cls, size: int, n_inputs: int) -> _Batch:
+        """Return a batch to be filled."""
+        return cls(
+            torch.empty(2 * size, n_inputs),
+            torch.empty(size, 1, dtype=torch.int64),
+            torch.empty(size, 1),
+            torch.empty(size, 1),
+        )
+
+    def filled(self, batch: Batch) -> _Batch:
+        """Return itself, filled."""
+        states, size = self.states.numpy(), len(batch.actions)
+        states[:size], states[size:] = batch.states, batch.next_states
+        self.actions.numpy()[:, 0] = batch.actions
+        self.rewards.numpy()[:, 0] = batch.rewards
+        self.goes_on.numpy()[:, 0] = ~batch.is_final
+        return self
+
+    def to(self, device: str) -> _Batch:
+        """Return it on a device."""
+        return self if device == 'cpu' else _Batch(*(each.to(device) for each in self))
+
+
+def _forward(layers: list[torch.Tensor], states: torch.Tensor) -> list[torch.Tensor]:
+    """Return the outputs of all layers, those of the last one the actions' values."""
     weights_1, biases_1, weights_2, biases_2, weights_3, biases_3 = layers
-    first = torch.addmm(biases_1, states, weights_1).relu()
-    second = torch.addmm(biases_2, first, weights_2).relu()
-    return torch.addmm(biases_3, second, weights_3)
+    first = torch.addmm(biases_1, states, weights_1).relu_()
+    second = torch.addmm(biases_2, first, weights_2).relu_()
+    return [first, second, torch.addmm(biases_3, second, weights_3)]

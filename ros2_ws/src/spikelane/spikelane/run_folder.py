@@ -29,7 +29,7 @@ from typing import Any
 from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
-VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet')
+VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
 
 
 class RunFolderError(FileError):
