@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane_controllers.dqn_snn import DqnSnnParameters
+from spikelane_controllers.dqn_snn import DqnSnn, DqnSnnParameters, input_values
 from spikelane_controllers.feedforward import FeedForward
-from spikelane_controllers.integrate_and_fire import IntegrateAndFire, resting_potentials
+from spikelane_controllers.integrate_and_fire import (
+    input_spikes,
+    IntegrateAndFire,
+    resting_potentials,
+)
 from spikelane_controllers.nir_export import export_nir, NirExportError
 from spikelane_controllers.normalisation import normalise
 from spikelane_controllers.spiking import SPIKE_DTYPE
 from spikelane_controllers.transferred import InputScale, Transferred, write_transferred
+from spikelane_sim.encoding import StateImage
+from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 INPUTS, HIDDEN, STEPS = 512, 50, 400
 
@@ -126,6 +132,33 @@ def test_norse_with_a_lowest_potential_fires_as_the_controller(tmp_path: Path, s
     assert ours.sum() > 5
     assert (norse_spikes(graph, inputs, float(graph.metadata['v_min'])) == ours).all()
     assert (norse_spikes(graph, inputs, None) != ours).any()
+
+
+def test_norse_fires_as_the_shipped_network_does_on_the_road(tmp_path: Path) -> None:
+    """100 steps of 50 ms, the events of which make 1,000 time steps of input spikes."""
+    import nir
+
+    export_nir(tmp_path / 'lane.nir', DqnSnnParameters())
+    graph = nir.read(tmp_path / 'lane.nir')
+    parameters = {'robot.model': 'kinematic'}
+    controller, rng, rows, ours = DqnSnn(), np.random.default_rng(1), [], []
+    image = StateImage(controller.parameters.encoding)
+    controller.reset(np.random.default_rng(1))  # the same numbers as rng
+    with Simulator(SimulatorParameters.from_mapping(parameters)) as simulator:
+        observation = simulator.reset('outer', 1)
+        for _ in range(100):
+            image.add(observation.events)
+            scale = InputScale(graph.metadata['scale_frames'], graph.metadata['scale_maximum'])
+            values = input_values(image.counts, graph.metadata['input_frames'], scale)
+            raster = np.zeros((graph.metadata['time_steps_per_observation'], INPUTS), bool)
+            drawn = input_spikes(values, controller.parameters.neurons, rng)
+            raster[drawn['step'], drawn['source']] = True
+            rows.append(raster)
+            observation = simulator.step(controller.step(observation))
+            ours.append(controller.spikes)
+    theirs = norse_spikes(graph, np.vstack(rows), float(graph.metadata['v_min']))
+    assert sum(map(sum, ours)) > 3
+    assert theirs.reshape(100, 10, 3).sum(axis=1).tolist() == [list(each) for each in ours]
 
 
 def test_where_nothing_inhibits_the_lowest_potential_makes_no_difference(tmp_path: Path) -> None:
