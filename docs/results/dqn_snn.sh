@@ -10,22 +10,23 @@ dqn=$(cd "$2" && pwd -P)
 jobs=${3:-2}
 export root out dqn
 
-lap() { # RUN LANE CONTROLLER CHECKPOINT SCENARIO SEED
+lap() { # RUN LANE CONTROLLER CHECKPOINT SCENARIO SEED [OPTION...]
   [ -e "$1.$2.json" ] || { "$root/spikelane" lap --controller "$3" --checkpoint "$4" \
     --scenario "$5" --lane "$2" --seed "$((100 + $6))" --transport inprocess \
-    --out "$1-$2" --json 2>>"$1.log" >"$1.$2.part" || true; mv "$1.$2.part" "$1.$2.json"; }
+    --out "$1-$2" --json "${@:7}" 2>>"$1.log" >"$1.$2.part" || true; mv "$1.$2.part" "$1.$2.json"; }
 }
 
 transfer() { # SETTING SCENARIO SEED
-  local run=$out/$1/$2/$3 options=() lane
+  local run=$out/$1/$2/$3 options=() driving=() lane
   [ "$1" = paper ] || options=(--states 150000 --steps 40000 --param transfer.batch_size=100
     --param transfer.learning_rate=1e-3 --param transfer.decays=true
     --param transfer.input_gain=8.0 --param transfer.normalisation=data)
+  [ "$1" = paper ] || driving=(--param dqn_snn.encoding.frames=10)
   [ -e "$run.transfer.json" ] || { rm -rf "$run"; "$root/spikelane" transfer --scenario "$2" \
     --checkpoint "$dqn/$2/$3" --seed "$3" --out "$run" --json "${options[@]}" 2>"$run.log" \
     >"$run.part" && mv "$run.part" "$run.transfer.json"; }
   for lane in outer inner; do
-    lap "$run" "$lane" dqn_snn "$run" "$2" "$3"
+    lap "$run" "$lane" dqn_snn "$run" "$2" "$3" "${driving[@]}"
     [ "$1" != paper ] || lap "$run.dqn" "$lane" dqn "$dqn/$2/$3" "$2" "$3"
   done
 }
