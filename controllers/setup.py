@@ -25,6 +25,7 @@ setup(
             'braitenberg = spikelane_controllers.nodes.braitenberg:main',
             'dqn = spikelane_controllers.nodes.dqn:main',
             'rstdp = spikelane_controllers.nodes.rstdp:main',
+            'dqn_snn = spikelane_controllers.nodes.dqn_snn:main',
         ],
     },
 )

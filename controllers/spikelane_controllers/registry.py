@@ -18,6 +18,7 @@ CONTROLLERS: Mapping[str, tuple[str, str]] = {
     'braitenberg': ('spikelane_controllers.braitenberg', 'Braitenberg'),
     'rstdp': ('spikelane_controllers.rstdp', 'RStdp'),
     'dqn': ('spikelane_controllers.dqn', 'Dqn'),
+    'dqn_snn': ('spikelane_controllers.dqn_snn', 'DqnSnn'),
 }
 
 #: Name of a controller that learns by driving: module and class of its training.

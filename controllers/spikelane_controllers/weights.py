@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.q_network import QNetwork
+from spikelane_controllers.registry import CONTROLLERS
 from spikelane_controllers.state import array
 from spikelane_sim.errors import CheckpointError
 
@@ -29,7 +30,10 @@ _SHIPPED = Path(__file__).parent / 'weights'
 def shipped_weights(controller: str) -> tuple[str, ...]:
     """Return the names of the weights that are shipped for a controller."""
     names = (path.stem for path in _SHIPPED.glob(f'{controller}_*.safetensors'))
-    return tuple(sorted(name.removeprefix(f'{controller}_') for name in names))
+    # Those of `dqn_snn` are not the `snn_...` of `dqn`.
+    longer = tuple(f'{name}_' for name in CONTROLLERS if name.startswith(f'{controller}_'))
+    own = (name for name in names if not name.startswith(longer))
+    return tuple(sorted(name.removeprefix(f'{controller}_') for name in own))
 
 
 def find_checkpoint(controller: str, name: str) -> Path:

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from spikelane.training import TRAINING_DEFAULTS
+from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, CONTROLLERS, training_class
+from spikelane_controllers.transfer import TransferParameters
 from spikelane_sim.parameters import ParameterSpec
 from spikelane_sim.simulator import SimulatorParameters
 
@@ -65,6 +67,8 @@ def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
     """Return all parameters under the names they have on the command line to train one."""
     classes: dict[str, Any] = {
         'simulator': SimulatorParameters,
+        'transfer': TransferParameters,
+        'gathering': GatheringParameters,
         'training': training_class(trained).parameters_class,
         **{name: controller_class(name).parameters_class for name in CONTROLLERS},
     }
@@ -75,7 +79,7 @@ def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
 
 def test_the_map_is_found() -> None:
     """So that the tests below are about something."""
-    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (69, 2, 16)
+    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (88, 2, 22)
 
 
 @pytest.mark.parametrize('row', [row for row in PARAMETERS if row not in CONSTANTS])
@@ -125,3 +129,11 @@ def test_every_value_from_the_papers_tables_is_in_the_map() -> None:
     }
     assert of_dqn <= mapped
     assert len(of_dqn) == 14
+
+
+def test_every_value_from_the_papers_table_of_the_dqn_snn_is_in_the_map() -> None:
+    """Of its training and of its neurons."""
+    mapped = {row.name for row in ROWS}
+    wanted = {name for name, spec in specs().items() if 'DQN-SNN parameters' in spec.source}
+    assert wanted <= mapped
+    assert len(wanted) == 8

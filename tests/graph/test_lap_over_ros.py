@@ -196,3 +196,24 @@ def test_a_whole_lap_over_ros_is_the_lap_driven_in_process(tmp_path: Path) -> No
     with AnyReader([over_ros.bag]) as reader:
         counts = {each.topic: each.msgcount for each in reader.connections}
     assert {counts[topic] for topic in EVERY_STEP} == {result['steps'] + 1}
+
+
+def test_the_dqn_snn_drives_the_same_over_ros(tmp_path: Path) -> None:
+    """With its shipped network: every spike it draws is the same, so is the trajectory."""
+    over_ros, within = (
+        drive_short(tmp_path / each, '--controller', 'dqn_snn', '--transport', each)
+        for each in ('ros', 'inprocess')
+    )
+    assert over_ros.errors == ''
+    trajectories = [(lap.folder / 'trajectory.csv').read_bytes() for lap in (over_ros, within)]
+    assert trajectories[0].count(b'\n') == STEPS + 2
+    assert trajectories[0] == trajectories[1]
+    with AnyReader([over_ros.bag]) as reader:
+        (connection,) = (c for c in reader.connections if c.topic == '/controller/state')
+        states = [
+            reader.deserialize(raw, connection.msgtype)
+            for _, _, raw in reader.messages([connection])
+        ]
+    assert states[0].neurons == ['left', 'straight', 'right']
+    assert {each.action for each in states} <= {0, 1, 2}
+    assert sum(int(each.spikes.sum()) for each in states) > 0

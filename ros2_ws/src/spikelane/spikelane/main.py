@@ -16,6 +16,8 @@ from spikelane_sim.errors import SpikelaneError
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
+    'transfer': 'teach a spiking network the policy of a trained Q-network',
+    'export': 'write a spiking network in a format that others read',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 from pathlib import Path
 import re
@@ -21,13 +21,13 @@ _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 
 
 def add_configuration_arguments(
-    parser: argparse.ArgumentParser, *, transport: str = 'ros', out: str = 'runs/lap-...'
+    parser: argparse.ArgumentParser, *, transport: str | None = 'ros', out: str = 'runs/lap-...'
 ) -> None:
     """Declare the arguments that determine a run.
 
     Args:
         parser: Of the command.
-        transport: The default.
+        transport: The default, None where there is no choice.
         out: The usual folder, as people are told.
     """
     parser.add_argument(
@@ -36,13 +36,8 @@ def add_configuration_arguments(
         help="the paper's 1, 2 or 3, or the path of a course file (default: 1)",
     )
     parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
-    parser.add_argument(
-        '--transport',
-        default=transport,
-        choices=TRANSPORTS,
-        help='as processes of a ROS graph, a lap recorded; or within this process '
-        f'(default: {transport})',
-    )
+    if transport is not None:
+        _add_transport_argument(parser, transport)
     parser.add_argument(
         '--robot',
         choices=('pybullet', 'kinematic'),
@@ -56,12 +51,8 @@ def add_configuration_arguments(
         action=argparse.BooleanOptionalAction,
         help="smooth the camera image's edges (default: no)",
     )
-    parser.add_argument(
-        '--param',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='any other parameter: simulator.camera.fov_deg=90, braitenberg.steering.v_max=2.0',
+    add_parameter_arguments(
+        parser, example='simulator.camera.fov_deg=90, braitenberg.steering.v_max=2.0'
     )
     parser.add_argument(
         '--out',
@@ -72,24 +63,55 @@ def add_configuration_arguments(
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
+def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) -> None:
+    """Declare `--param`, which `read_parameters` reads."""
+    parser.add_argument(
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'any other parameter: {example}',
+    )
+
+
+def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        '--transport',
+        default=default,
+        choices=TRANSPORTS,
+        help='as processes of a ROS graph, a lap recorded; or within this process '
+        f'(default: {default})',
+    )
+
+
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that were given under dotted names.
 
     Raises:
         ParameterError: One cannot be read.
     """
-    parameters = {}
-    for text in options.param:
-        name, equals, value = text.partition('=')
-        if not equals:
-            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
-        parameters[name] = _value(name, value)
+    parameters = read_parameters(options.param)
     flags = {
         'simulator.robot.model': options.robot,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }
     return parameters | {name: value for name, value in flags.items() if value is not None}
+
+
+def read_parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the parameters of `--param`.
+
+    Raises:
+        ParameterError: One cannot be read.
+    """
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
+        parameters[name] = _value(name, value)
+    return parameters
 
 
 def _value(name: str, text: str) -> Any:
