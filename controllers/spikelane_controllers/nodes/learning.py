@@ -17,6 +17,7 @@ from spikelane_controllers.registry import controller_class
 from spikelane_controllers.training import LearningController, Training, TrainingParameters
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
@@ -118,8 +119,8 @@ class LearningNode(ControllerNode):
         if self._training is not None and self._training.is_done:
             self.context.try_shutdown()
 
-    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
-        super()._step(lane, packet, stamp_ns)
+    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
+        super()._step(lane, events, stamp_ns)
         self._observed += 1
         if self._training is None:
             return
