@@ -72,9 +72,9 @@ class SensorParameters(Parameters):
 
     source: str = parameter(
         'auto',
-        'Whether a packet is a step (simulator), or packets are cropped, scaled and binned by time '
-        '(camera). auto: a simulator where there are lane states, or where the time base of the '
-        'first packet is one step before its stamp.',
+        'Whether a packet is a step (simulator), or packets are cropped, scaled and binned by '
+        'time (camera). auto: a simulator where there are lane states, or where the time base of '
+        'the first packet is one step before its stamp.',
         choices=SOURCES,
     )
     crop_left: int = parameter(

@@ -132,9 +132,7 @@ def simulated(stamp_ns: int, sequence: int) -> ReceivedPacket:
     """Return a packet of a simulator's step."""
     events = make_events([stamp_ns] * 3, [3, 3, 200], [7, 7, 100], 1)
     encoded = encode('evt3', events, stamp_ns, 256, 128)
-    return ReceivedPacket(
-        stamp_ns, sequence, 'evt3', encoded.data, encoded.time_base_ns, 256, 128
-    )
+    return ReceivedPacket(stamp_ns, sequence, 'evt3', encoded.data, encoded.time_base_ns, 256, 128)
 
 
 @pytest.mark.parametrize('has_lane', [True, False])

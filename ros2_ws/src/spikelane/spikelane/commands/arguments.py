@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 from pathlib import Path
 import re
@@ -78,18 +78,28 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ParameterError: One cannot be read.
     """
-    parameters = {}
-    for text in options.param:
-        name, equals, value = text.partition('=')
-        if not equals:
-            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
-        parameters[name] = _value(name, value)
     flags = {
         'simulator.robot.model': options.robot,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }
-    return parameters | {name: value for name, value in flags.items() if value is not None}
+    given = {name: value for name, value in flags.items() if value is not None}
+    return parse_parameters(options.param) | given
+
+
+def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return parameters from texts like NAME=VALUE.
+
+    Raises:
+        ParameterError: One cannot be read.
+    """
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
+        parameters[name] = _value(name, value)
+    return parameters
 
 
 def _value(name: str, text: str) -> Any:

@@ -93,7 +93,11 @@ def node_parameters(
         'recorder': {
             'output': str(folder.bag.absolute()),
             'topics': list(TOPICS),
-            'custom_data': [f'seed={config.seed}', f'controller={config.controller}'],
+            'custom_data': [
+                f'seed={config.seed}',
+                f'controller={config.controller}',
+                f'scenario={config.scenario}',
+            ],
         },
     }
 
