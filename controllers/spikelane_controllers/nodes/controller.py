@@ -119,11 +119,13 @@ class ControllerNode(Node):
                 is_companion=True,
             )
         reliability = RELIABILITIES[self._settings.reliability]
+        # A simulator waits for us; a camera does not, and sends many packets a step.
+        depth = 10 if self._settings.use_lane_state else 1000
         self._observations.subscribe(
             EventPacket,
             'event_camera/events',
             self._on_packet,
-            QoSProfile(depth=10, reliability=reliability),
+            QoSProfile(depth=depth, reliability=reliability),
         )
         self._start()
 

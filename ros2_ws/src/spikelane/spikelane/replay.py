@@ -32,7 +32,7 @@ from spikelane_sim.contract import (
     STEP_S,
     WheelVelocities,
 )
-from spikelane_sim.course import scenario_course
+from spikelane_sim.course import load_course, scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import no_events
 from spikelane_sim.files import write_text_atomically
@@ -148,6 +148,7 @@ def make_config(
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
+    load_course(scenario_course(scenario))  # refuses one that is not there
     cls = controller_class(controller).parameters_class
     groups: dict[str, dict[str, Any]] = {controller: {}, 'sensor': {}}
     for name, value in (default_weights(scenario, controller) | dict(parameters)).items():
@@ -162,7 +163,7 @@ def make_config(
         bag=Path(bag),
         events_topic=events_topic,
         controller=controller,
-        scenario=scenario_course(scenario) and scenario,
+        scenario=scenario,
         seed=seed,
         use_lane_state=use_lane_state,
         controller_parameters=cls.from_mapping(groups[controller], controller),
