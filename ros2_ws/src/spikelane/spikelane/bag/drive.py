@@ -7,7 +7,7 @@ their numbers, and one that was sent twice counts once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -54,6 +54,21 @@ class _Logged(NamedTuple, Generic[T]):
     position: int
 
 
+class _Record(NamedTuple):
+    """What a message says."""
+
+    stamp_ns: int
+    value: ReceivedPacket | LaneState | WheelVelocities
+
+
+class _Read(NamedTuple):
+    """A message read."""
+
+    position: int
+    message: SourceMessage
+    record: _Record
+
+
 class RecordedDrive:
     """The events, lane states and wheel velocities of a bag.
 
@@ -86,18 +101,19 @@ class RecordedDrive:
         encodings: dict[str, str] = {}
         lanes: dict[str, dict[int, list[_Logged[LaneState]]]] = {}
         wheels: dict[str, dict[int, list[_Logged[WheelVelocities]]]] = {}
-        for position, message, fields in self._read():
-            stamp_ns, topic = _stamp_ns(fields), message.topic
+        for position, message, record in self._read():
+            stamp_ns, topic = record.stamp_ns, message.topic
             where = message.log_ns, position
-            if message.type_name == EVENT_PACKET:
-                marks.setdefault(topic, []).append(_Mark(fields.seq, stamp_ns, position))
-                encodings.setdefault(topic, fields.encoding)
-            elif message.type_name == LANE_STATE:
+            if isinstance(record.value, ReceivedPacket):
+                mark = _Mark(record.value.sequence, stamp_ns, position)
+                marks.setdefault(topic, []).append(mark)
+                encodings.setdefault(topic, record.value.encoding)
+            elif isinstance(record.value, LaneState):
                 of_stamp = lanes.setdefault(topic, {}).setdefault(stamp_ns, [])
-                of_stamp.append(_Logged(_lane_state(fields), *where))
+                of_stamp.append(_Logged(record.value, *where))
             else:
                 answers = wheels.setdefault(topic, {}).setdefault(stamp_ns, [])
-                answers.append(_Logged(WheelVelocities(fields.left, fields.right), *where))
+                answers.append(_Logged(record.value, *where))
         self.events_topic = self._choose(events_topic, marks)
         encoding = encodings[self.events_topic]
         if encoding not in DECODABLE:
@@ -124,8 +140,9 @@ class RecordedDrive:
         """Yield the event packets in order."""
         wanted = {mark.position for mark in self._order}
         found = (
-            self._drive_packet(position, message, fields)
-            for position, message, fields in self._read(wanted)
+            self._beside(position, message, record.value)
+            for position, message, record in self._read(wanted)
+            if isinstance(record.value, ReceivedPacket)
         )
         if self._is_in_order:
             yield from found
@@ -138,23 +155,31 @@ class RecordedDrive:
         """Return the recorded wheel velocities of this stamp, None where there are none."""
         return _nearest(self._wheels, stamp_ns, beside.log_ns, beside.position)
 
-    def _read(self, wanted: set[int] | None = None) -> Iterator[tuple[int, SourceMessage, Any]]:
-        """Yield positions, messages and fields; of all messages, or of those wanted."""
+    def _read(self, wanted: set[int] | None = None) -> Iterator[_Read]:
+        """Yield positions, messages and what they say; of all messages, or of those wanted."""
         bad: dict[str, int] = {}
         for position, message in enumerate(self.source.messages(TYPES)):
             if wanted is not None and position not in wanted:
                 continue
             try:
-                fields = self.source.read(message)
+                yield _Read(position, message, self._record(message))
             except BagError:
                 bad[message.topic] = bad.get(message.topic, 0) + 1
-                continue
-            yield position, message, fields
         if wanted is None:
             self.notes += self.source.damage
             self.notes += [
                 f'{topic}: {count} messages cannot be read' for topic, count in bad.items()
             ]
+
+    def _record(self, message: SourceMessage) -> _Record:
+        fields = self.source.read(message)
+        try:
+            return _Record(_stamp_ns(fields), _CONVERSIONS[message.type_name](fields))
+        except AttributeError as error:  # of a definition that is not ours
+            raise BagError(
+                f'{self.source.path}: {message.topic}: expected the fields of '
+                f'{message.type_name}, got others: {error}'
+            ) from None
 
     def _choose(self, asked: str | None, marks: Mapping[str, Sequence[_Mark]]) -> str:
         usual = asked or f'/{EVENTS_TOPIC}'
@@ -198,17 +223,9 @@ class RecordedDrive:
             if alone:
                 self.notes.append(f'{alone} lane states lack their event packet')
 
-    def _drive_packet(self, position: int, message: SourceMessage, fields: Any) -> DrivePacket:
-        packet = ReceivedPacket(
-            _stamp_ns(fields),
-            fields.seq,
-            fields.encoding,
-            fields.events,
-            fields.time_base,
-            fields.width,
-            fields.height,
-            fields.is_bigendian,
-        )
+    def _beside(
+        self, position: int, message: SourceMessage, packet: ReceivedPacket
+    ) -> DrivePacket:
         lane = _nearest(self._lanes, packet.stamp_ns, message.log_ns, position)
         return DrivePacket(packet, lane, message.log_ns, position)
 
@@ -242,6 +259,23 @@ def _stamp_ns(fields: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def _packet(fields: Any) -> ReceivedPacket:
+    return ReceivedPacket(
+        _stamp_ns(fields),
+        fields.seq,
+        fields.encoding,
+        fields.events,
+        fields.time_base,
+        fields.width,
+        fields.height,
+        fields.is_bigendian,
+    )
+
+
+def _wheels(fields: Any) -> WheelVelocities:
+    return WheelVelocities(fields.left, fields.right)
+
+
 def _lane_state(fields: Any) -> LaneState:
     return LaneState(
         lane=fields.lane,
@@ -256,3 +290,10 @@ def _lane_state(fields: Any) -> LaneState:
         terminated=fields.terminated,
         reason=fields.reason,
     )
+
+
+_CONVERSIONS: Mapping[str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities]] = {
+    EVENT_PACKET: _packet,
+    LANE_STATE: _lane_state,
+    WHEEL_VELOCITIES: _wheels,
+}

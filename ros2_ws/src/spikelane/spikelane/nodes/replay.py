@@ -1,8 +1,8 @@
 """Node `replay`: publishes a recorded drive to a controller node and compares its answers.
 
 In lockstep a packet is published once all that was to be answered before has been; in real time
-packets come as they were recorded. At the end one line of JSON says how the answers compare, as
-`spikelane replay --json` does.
+packets come as they were recorded, from the first answer on. At the end one line of JSON says how
+the answers compare, as `spikelane replay --json` does.
 """
 
 from __future__ import annotations
@@ -96,7 +96,8 @@ class ReplayNode(Node):
         self.create_timer(_WARNING_PERIOD_S, self._warn_if_waiting, clock=self._steady)
         self._warned_at = -1
         self._start_s = self._end_s = 0.0
-        self._start_ns = self._next.log_ns if self._next else 0
+        self._start_ns = 0
+        self._has_begun = False  # real time
         self.get_logger().info(
             f'{settings.mode}, {self._drive.count} event packets of {settings.bag}'
         )
@@ -110,10 +111,14 @@ class ReplayNode(Node):
             return
         self._looking.cancel()
         self._start_s = time.monotonic()
-        if self._settings.mode == 'realtime':
-            self.create_timer(_TICK_PERIOD_S, self._publish_due, clock=self._steady)
-        else:
-            self._advance()
+        self._advance()
+
+    def _begin_real_time(self) -> None:
+        """Let recorded time begin, now that the controller is awake: its first answer is slow."""
+        self._has_begun = True
+        self._start_s = time.monotonic()
+        self._start_ns = self._next.log_ns if self._next else 0
+        self.create_timer(_TICK_PERIOD_S, self._publish_due, clock=self._steady)
 
     def _advance(self) -> None:
         """Publish until there is something to wait for."""
@@ -166,8 +171,12 @@ class ReplayNode(Node):
             del self._pending[stamp_ns]
         wheels = conversions.wheels_from_message(message)
         self._answers[index] = self._answers[index]._replace(replayed=wheels)
-        if self._settings.mode == 'lockstep' and not self._pending:
+        if self._pending or self._has_begun:
+            return
+        if self._settings.mode == 'lockstep':
             self._advance()
+        else:
+            self._begin_real_time()
 
     def _finish(self) -> None:
         result = {
