@@ -474,6 +474,33 @@ def test_the_command_leaves_a_folder(
     assert [rows[n]['episode'] for n in (30, 31)] == ['1', '2']
 
 
+def test_the_parameters_in_the_bag_are_taken(
+    drives, bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of what drove, unless others are given; not for another controller."""
+    parameters = {'checkpoint': 'scenario_2', 'steering.v_max': 1.25}
+    seen = drives.drive('rstdp', seed=2, episodes=(30,), parameters=parameters)
+    facts = {'seed': '2', 'controller': 'rstdp', 'scenario': 'course.yaml'}
+    facts['parameters'] = json.dumps({**parameters, 'gone': 1})
+    bag = bag_of(drives.say(seen), facts=facts)
+    agreements = []
+    for number, given in enumerate(
+        (
+            (),
+            ('--scenario', '2'),
+            ('--scenario', '1'),
+            ('--param', 'rstdp.steering.v_max=1.5'),
+            ('--checkpoint', 'scenario_1'),
+            ('--controller', 'braitenberg'),
+        )
+    ):
+        out = str(tmp_path / str(number))
+        assert run(['replay', str(bag), '--json', '--out', out, *given]) == 0
+        agreements.append(json.loads(capsys.readouterr().out)['agreement'])
+    assert agreements[:2] == [1.0, 1.0]
+    assert all(each < 1.0 for each in agreements[2:])
+
+
 def test_the_command_speaks_to_people(
     said: list[Any], bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -489,7 +516,7 @@ def test_the_command_speaks_to_people(
 @pytest.mark.parametrize(
     ('arguments', 'status', 'error'),
     [
-        ((), 2, '--controller: expected one of braitenberg, .* as the bag does not say what drov'),
+        ((), 2, '--controller: expected one of braitenberg, .* bag says that nobody drove'),
         (('--controller', 'rstdp', '--param', 'x'), 2, "--param: expected NAME=VALUE, got 'x'"),
         (('--controller', 'braitenberg', '--checkpoint', 'a'), 2, '--checkpoint: expected a cont'),
         (('--controller', 'braitenberg', '--scenario', '9'), 2, 'course: expected scenario_1'),

@@ -11,7 +11,7 @@ from spikelane.bag.drive import RecordedDrive
 from spikelane.commands.arguments import parse_parameters, progress
 from spikelane.commands.lap import given_weights
 from spikelane.replay import make_config, make_folder, replay, report_replay
-from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.registry import controller_class, CONTROLLERS
 from spikelane_sim.errors import ParameterError
 
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--checkpoint',
         metavar='DIR',
         help='folder that a training left, or a checkpoint in it; for controllers that learn '
-        '(default: the weights shipped for the scenario)',
+        '(default: what drove had, else the weights shipped for the scenario)',
     )
     parser.add_argument(
         '--scenario',
@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='any other parameter: braitenberg.steering.v_max=2.0, sensor.crop_width=480',
+        help='any other parameter: braitenberg.steering.v_max=2.0, sensor.crop_width=480 '
+        '(default: those of what drove, where the bag has them)',
     )
     parser.add_argument(
         '--out',
@@ -84,16 +85,18 @@ def run(options: argparse.Namespace) -> int:
     drive = RecordedDrive(options.bag, options.events)
     said = drive.source.custom_data
     options.controller = options.controller or said.get('controller')
-    if options.controller is None:
+    if options.controller not in CONTROLLERS:
         raise ParameterError(
-            f'--controller: expected one of {", ".join(CONTROLLERS)}, as the bag does not say '
-            'what drove'
+            f'--controller: expected one of {", ".join(CONTROLLERS)}, as the bag says that '
+            f'{options.controller or "nobody"} drove'
         )
     config = make_config(
         options.bag,
         options.controller,
-        given_weights(options) | parse_parameters(options.param),
-        scenario=options.scenario or said.get('scenario', '1'),
+        _recorded_parameters(options, said)
+        | given_weights(options)
+        | parse_parameters(options.param),
+        scenario=options.scenario or _recorded_scenario(said),
         seed=_seed(said) if options.seed is None else options.seed,
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
@@ -110,6 +113,28 @@ def _seed(said: dict[str, str]) -> int:
     """Return the seed that a bag's facts give, 0 where they give none."""
     text = said.get('seed', '')
     return int(text) if text.isdecimal() else 0
+
+
+def _recorded_scenario(said: dict[str, str]) -> str:
+    """Return the paper's scenario that a bag's facts give, 1 where it was driven elsewhere."""
+    text = said.get('scenario', '')
+    return text if text.isdecimal() else '1'
+
+
+def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> dict[str, Any]:
+    """Return the parameters of what drove, where a bag's facts give them and it answers again."""
+    if options.controller != said.get('controller'):
+        return {}
+    try:
+        values = dict(json.loads(said.get('parameters', '{}')))
+    except (TypeError, ValueError):
+        return {}
+    if options.scenario is not None:  # asks for its weights
+        values.pop('checkpoint', None)
+    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
+    return {
+        f'{options.controller}.{name}': value for name, value in values.items() if name in known
+    }
 
 
 def _summary(result: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any
 
@@ -97,6 +98,7 @@ def node_parameters(
                 f'seed={config.seed}',
                 f'controller={config.controller}',
                 f'scenario={config.scenario}',
+                f'parameters={json.dumps(config.controller_parameters.to_dict())}',
             ],
         },
     }
