@@ -55,7 +55,10 @@ class Drives:
 
     Attributes:
         types: Of the messages.
+        said: Makes a message on the graph.
     """
+
+    said = Said
 
     def __init__(self) -> None:
         self.types = _typestore()
@@ -116,7 +119,7 @@ class Drives:
             packet = self.packet(observation.events, stamp_ns, first_number + number, encoding)
             said.append(Said(f'{prefix}event_camera/events', log_ns + 1000, packet))
             if wheels is not None:
-                answer = self._make('wheel_velocities', self.header(stamp_ns), *wheels)
+                answer = self.wheels(stamp_ns, wheels)
                 said.append(Said(f'{prefix}wheel_velocities', log_ns + 2000, answer))
         return said
 
@@ -134,6 +137,10 @@ class Drives:
             False,
             np.frombuffer(packet.data, np.uint8),
         )
+
+    def wheels(self, stamp_ns: int, wheels: WheelVelocities) -> Any:
+        """Return the message of an answer."""
+        return self._make('wheel_velocities', self.header(stamp_ns), *wheels)
 
     def header(self, stamp_ns: int) -> Any:
         """Return a header of this stamp."""

@@ -150,11 +150,13 @@ def scale_events(events: Events, crop: Crop, to_width: int, to_height: int) -> E
     return scaled
 
 
-def first_per_pixel(events: Events) -> Events:
-    """Return the first event of each pixel, in their order."""
-    pixels = events['y'].astype(np.int64) << 16 | events['x']
-    _, first = np.unique(pixels, return_index=True)
-    kept: Events = events[np.sort(first)]
+def first_per_pixel(events: Events, width: int, height: int) -> Events:
+    """Return the first event of each pixel of an image, in their order."""
+    pixels = events['y'].astype(np.int64) * width + events['x']
+    numbers = np.arange(len(events))
+    first = np.empty(width * height, np.int64)
+    first[pixels[::-1]] = numbers[::-1]  # of several values, the last one stays
+    kept: Events = events[first[pixels] == numbers]
     return kept
 
 
@@ -335,7 +337,7 @@ class _Bins:
     def _complete(self) -> SensorStep:
         events = scale_events(np.concatenate(self._gathered), self._crop, *self._size)
         if self._one_per_pixel:
-            events = first_per_pixel(events)
+            events = first_per_pixel(events, *self._size)
         step = SensorStep(self._end_ns, events)
         self._end_ns += STEP_NS
         self._gathered = []

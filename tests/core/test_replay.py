@@ -18,6 +18,7 @@ from spikelane.replay import compare, drive_metrics, make_config, replay, summar
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.training import Training, TrainingParameters
 from spikelane_sim.errors import BagError, ParameterError
+from spikelane_sim.events import make_events
 
 DATA = Path(__file__).parents[1] / 'data'
 CAMERAS = Path(__file__).parents[3] / 'shared' / 'data' / 'real_cameras'
@@ -417,6 +418,42 @@ def test_real_cameras_are_answered_in_real_time(
     assert all(math.isfinite(value) for pair in wheels for value in pair)
     assert len({pair.left for pair in wheels}) > 5
     assert result.processing_s < told['duration_s']
+
+
+def camera_drive(drives: Any) -> list[Any]:
+    """Return packets of 13 ms from a camera, a second in all, of chance events."""
+    rng = np.random.default_rng(4)
+    said = []
+    for number in range(77):
+        begin_ns = 10**9 + number * 13_000_000
+        t_ns = np.sort(begin_ns + rng.integers(0, 13_000, 200) * 1000)
+        x, y = rng.integers(0, 128, (2, 200))
+        events = make_events(t_ns, x, y, rng.choice([-1, 1], 200))
+        packet = drives.packet(events, begin_ns + 13_000_000, number, 'mono')
+        object.__setattr__(packet, 'header', drives.header(2 * 10**9 + number * 13_000_000))
+        said.append(drives.said('/event_camera/events', number * 13_000_000, packet))
+    return said
+
+
+def test_a_real_cameras_answers_are_compared_too(drives, bag_of: BagOf) -> None:
+    """They carry the ends of steps of 50 ms for their stamps."""
+    said = camera_drive(drives)
+    bag = bag_of(said)
+    answers = replay(make_config(bag, 'braitenberg', {}, seed=1), RecordedDrive(bag)).answers
+    # The first event is in the first ms; 1.001 s have 20 steps, the last one not complete.
+    assert len(answers) in (19, 20)
+    first_ns = 2 * 10**9
+    assert [each.stamp_ns - first_ns for each in answers] == [
+        50_000_000 * (n + 1) for n in range(len(answers))
+    ]
+    for each in answers:
+        wheels = drives.wheels(each.stamp_ns, each.replayed)
+        said.append(drives.said('/wheel_velocities', each.stamp_ns - first_ns, wheels))
+    bag = bag_of(said)
+    result = replayed(bag, seed=1)
+    assert (result['agreement'], result['answers']) == (1.0, len(answers))
+    assert (result['source'], result['packets']) == ('camera', 77)
+    assert replayed(bag, seed=2)['agreement'] < 1.0
 
 
 # --- the pieces -----------------------------------------------------------------------------

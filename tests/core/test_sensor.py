@@ -84,7 +84,7 @@ def test_a_packet_may_span_many_steps() -> None:
 def test_a_step_keeps_the_first_event_of_each_pixel() -> None:
     """In the order of time."""
     events = make_events([1, 2, 3, 4], [5, 4, 5, 4], [0, 9, 0, 8], [1, 1, -1, -1])
-    kept = first_per_pixel(events)
+    kept = first_per_pixel(events, 6, 10)
     assert kept['t'].tolist() == [1, 2, 4]
     assert kept['polarity'].tolist() == [1, 1, -1]
 
