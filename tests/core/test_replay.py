@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from spikelane.bag.drive import RecordedDrive
+from spikelane.comparison import compare, drive_metrics
 from spikelane.main import run
-from spikelane.replay import compare, drive_metrics, make_config, replay, summarise
+from spikelane.replay import make_config, replay, summarise
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.training import Training, TrainingParameters
 from spikelane_sim.errors import BagError, ParameterError

@@ -9,18 +9,17 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from spikelane_sim.codecs import encode
-from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import make_events
-from spikelane_sim.sensor import (
+from spikelane_sim.binning import (
     Crop,
     find_crop,
     first_per_pixel,
-    ReceivedPacket,
     scale_events,
-    Sensor,
     SensorParameters,
 )
+from spikelane_sim.codecs import encode
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import make_events
+from spikelane_sim.sensor import ReceivedPacket, Sensor
 
 ROOT = Path(__file__).parents[2]
 CAMERAS = ROOT.parent / 'shared' / 'data' / 'real_cameras'

@@ -9,7 +9,8 @@ import pytest
 from spikelane_msgs.msg import WheelVelocities
 
 from spikelane.bag.drive import RecordedDrive
-from spikelane.replay import Answer, make_config, replay, summarise
+from spikelane.comparison import Answer
+from spikelane.replay import make_config, replay, summarise
 from spikelane_sim.nodes import conversions
 
 pytestmark = pytest.mark.ros

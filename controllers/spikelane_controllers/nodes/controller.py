@@ -21,6 +21,7 @@ from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
+from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
@@ -29,7 +30,7 @@ from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.parameters import nested, parameter, Parameters
-from spikelane_sim.sensor import Sensor, SensorParameters
+from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
 RELIABILITIES = {
@@ -82,15 +83,7 @@ class ControllerNode(Node):
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
         self._host = Host(self._controller, self._settings.seed)
-        width, height = self._image_size
-        self._sensor = Sensor(
-            self._settings.sensor,
-            width=width,
-            height=height,
-            has_lane=self._settings.use_lane_state,
-            on_fault=self._report_fault,
-            on_loss=self._report_lost,
-        )
+        self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
         self._is_answered = False
@@ -110,6 +103,35 @@ class ControllerNode(Node):
         )
         self._pairs = StampPairs(self._on_observation)
         self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
+        self._subscribe()
+        self._start()
+
+    def destroy_node(self) -> None:
+        """Stop answering."""
+        self._observations.stop()
+        super().destroy_node()
+
+    def _make_driver(self, name: str) -> Controller:
+        """Declare the controller's parameters and make it."""
+        cls = controller_class(name)
+        parameters = declare_parameters(self, cls.parameters_class)
+        self._image_size = image_size(parameters)
+        return cls(parameters)
+
+    def _make_sensor(self) -> Sensor:
+        """Return what makes steps of packets, in the size that the controller is made for."""
+        width, height = self._image_size
+        return Sensor(
+            self._settings.sensor,
+            width=width,
+            height=height,
+            has_lane=self._settings.use_lane_state,
+            on_fault=self._report_fault,
+            on_loss=self._report_lost,
+        )
+
+    def _subscribe(self) -> None:
+        """Subscribe to observations; they are handled from the start on."""
         if self._settings.use_lane_state:
             self._observations.subscribe(
                 LaneState,
@@ -127,19 +149,6 @@ class ControllerNode(Node):
             self._on_packet,
             QoSProfile(depth=depth, reliability=reliability),
         )
-        self._start()
-
-    def destroy_node(self) -> None:
-        """Stop answering."""
-        self._observations.stop()
-        super().destroy_node()
-
-    def _make_driver(self, name: str) -> Controller:
-        """Declare the controller's parameters and make it."""
-        cls = controller_class(name)
-        parameters = declare_parameters(self, cls.parameters_class)
-        self._image_size = image_size(parameters)
-        return cls(parameters)
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         """Return what answers: the controller itself, or something that asks it."""

@@ -21,14 +21,16 @@ from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import LaneState, WheelVelocities
 
 from spikelane.bag.drive import DrivePacket, RecordedDrive
-from spikelane.replay import Answer, summarise
+from spikelane.comparison import Answer
+from spikelane.replay import summarise
+from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_json
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.parameters import nested, parameter, Parameters
-from spikelane_sim.sensor import Sensor, SensorParameters
+from spikelane_sim.sensor import Sensor
 
 _LOOK_PERIOD_S = 0.02
 _TICK_PERIOD_S = 0.001
