@@ -209,7 +209,9 @@ def report_replay(
     from spikelane.figures.replay import draw_replay
 
     answers, sensor = replayed.answers, replayed.sensor
-    title = f'{config.controller}, seed {config.seed}, on {config.bag.name}'
+    bag = config.bag.absolute()
+    name = bag.parent.name if bag.name == folder.bag.name else bag.name  # of its run, if it can
+    title = f'{config.controller}, seed {config.seed}, on {name}'
     write_answers(answers, folder.path / 'answers.csv')
     figures = draw_replay(answers, folder.figures / 'replay', title)
     result = {
