@@ -22,9 +22,9 @@ from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
 from spikelane_sim.binning import SensorParameters
-from spikelane_sim.contract import Controller, Observation
+from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import Events
+from spikelane_sim.events import Events, no_events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
@@ -116,6 +116,7 @@ class ControllerNode(Node):
         cls = controller_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._image_size = image_size(parameters)
+        _warm_up(cls(parameters))
         return cls(parameters)
 
     def _make_sensor(self) -> Sensor:
@@ -216,3 +217,16 @@ class ControllerNode(Node):
         if lane is not None:
             state.episode, state.step = lane.episode, lane.step
         self._states.publish(state)
+
+
+def _warm_up(controller: Controller) -> None:
+    """Take a step that nobody sees.
+
+    Compiled kernels are loaded by the first call, or compiled: the robot must not wait for that.
+    """
+    packet = EventPacket(width=1, height=1)
+    conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
+    lane = conversions.lane_state_from_message(LaneState())
+    controller.reset(controller_rng(0, 0))
+    for step in Sensor(has_lane=True).add(conversions.received_packet(packet)):
+        controller.step(Observation(step.stamp_ns, step.events, lane))
