@@ -153,11 +153,18 @@ class Drives:
         said: Iterable[Said],
         *,
         compression: str = 'zstd',
+        max_file_bytes: int = 0,
         facts: Mapping[str, str] | None = None,
     ) -> Path:
         """Write what was said with our own recorder's writer."""
         ids: dict[str, int] = {}
-        with BagWriter(path, compression=compression, chunk_bytes=4096, custom_data=facts) as bag:
+        with BagWriter(
+            path,
+            compression=compression,
+            chunk_bytes=4096,
+            max_file_bytes=max_file_bytes,
+            custom_data=facts,
+        ) as bag:
             for topic, log_ns, fields in said:
                 name = _type_of(topic)
                 if topic not in ids:

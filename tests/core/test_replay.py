@@ -329,6 +329,38 @@ def test_a_cut_database_is_one_sentence(drives, said: list[Any], tmp_path: Path)
     assert all('\n' not in note for note in notes)
 
 
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_damage_anywhere_is_said_in_single_lines(
+    drives, said: list[Any], tmp_path: Path, storage: str
+) -> None:
+    """As a refusal or as notes; never as another error."""
+    bag = drives.write_otherwise(tmp_path / 'bag', said, storage=storage)
+    (file,) = (path for path in bag.iterdir() if path.suffix != '.yaml')
+    content = np.frombuffer(file.read_bytes(), np.uint8)
+    rng = np.random.default_rng(1)
+    refused = 0
+    for count in (1, 5, 50) * 5:
+        damaged = content.copy()
+        damaged[rng.integers(0, len(content), count)] = rng.integers(0, 256, count)
+        file.write_bytes(damaged[: len(content) - rng.integers(0, len(content) // 2)].tobytes())
+        try:
+            lines = replayed(bag)['notes']
+        except BagError as error:
+            refused += 1
+            lines = [str(error)]
+        assert lines
+        assert not any('\n' in line for line in lines)
+    assert refused > 0
+
+
+def test_a_bag_may_be_in_several_files(drives, said: list[Any], tmp_path: Path) -> None:
+    """As with a largest size for each."""
+    drives.write(tmp_path / 'bag', said, max_file_bytes=12_000)
+    assert len(list((tmp_path / 'bag').glob('*.mcap'))) > 1
+    result = replayed(tmp_path / 'bag')
+    assert (result['agreement'], result['answers']) == (1.0, OBSERVATIONS)
+
+
 def test_another_encoding_is_refused_with_those_allowed(said: list[Any], bag_of: BagOf) -> None:
     """By the first packet; a later one that cannot be decoded is one without events."""
     packets = [each.fields for each in said if each.topic == '/event_camera/events']
