@@ -19,6 +19,7 @@ from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
 from spikelane_controllers.training import LearningController, Training
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
@@ -135,8 +136,8 @@ class LearningNode(ControllerNode):
     def _is_done(self) -> bool:
         return self._training is not None and self._training.is_done
 
-    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
-        super()._step(lane, packet, stamp_ns)
+    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
+        super()._step(lane, events, stamp_ns)
         self._observed += 1
         if self._training is None:
             return

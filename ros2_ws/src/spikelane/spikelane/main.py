@@ -18,6 +18,7 @@ COMMANDS = {
     'train': 'let a controller learn by driving',
     'transfer': 'teach a spiking network the policy of a trained Q-network',
     'export': 'write a spiking network in a format that others read',
+    'replay': 'let a controller answer a recorded drive, and compare',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

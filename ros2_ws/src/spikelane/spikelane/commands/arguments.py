@@ -64,7 +64,7 @@ def add_configuration_arguments(
 
 
 def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) -> None:
-    """Declare `--param`, which `read_parameters` reads."""
+    """Declare `--param`, which `parse_parameters` reads."""
     parser.add_argument(
         '--param',
         action='append',
@@ -90,17 +90,17 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ParameterError: One cannot be read.
     """
-    parameters = read_parameters(options.param)
     flags = {
         'simulator.robot.model': options.robot,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }
-    return parameters | {name: value for name, value in flags.items() if value is not None}
+    given = {name: value for name, value in flags.items() if value is not None}
+    return parse_parameters(options.param) | given
 
 
-def read_parameters(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the parameters of `--param`.
+def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return parameters from texts like NAME=VALUE.
 
     Raises:
         ParameterError: One cannot be read.

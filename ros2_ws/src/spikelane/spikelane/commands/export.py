@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from spikelane.commands.arguments import add_parameter_arguments, read_parameters
+from spikelane.commands.arguments import add_parameter_arguments, parse_parameters
 from spikelane.configuration import parameter_groups
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
 
     name = options.checkpoint
     checkpoint = name if name in shipped_weights('dqn_snn') else str(Path(name).absolute())
-    given = read_parameters(options.param)
+    given = parse_parameters(options.param)
     if 'dqn_snn.checkpoint' in given:
         raise ParameterError('dqn_snn.checkpoint: expected as an argument, got a parameter too')
     groups = parameter_groups(given, {'dqn_snn': {'checkpoint': checkpoint}})

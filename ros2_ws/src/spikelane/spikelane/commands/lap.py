@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         options.lane,
         options.seed,
         options.transport,
-        given_parameters(options) | _weights(options),
+        given_parameters(options) | given_weights(options),
     )
     folder = make_folder(config, options.out)
     with progress(options.json) as show:
@@ -70,8 +70,12 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result['completed'] else 1
 
 
-def _weights(options: argparse.Namespace) -> dict[str, str]:
-    """Return the parameter that a given checkpoint is."""
+def given_weights(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given checkpoint is.
+
+    Raises:
+        ParameterError: The controller does not learn.
+    """
     if options.checkpoint is None:
         return {}
     known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
