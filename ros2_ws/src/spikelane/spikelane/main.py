@@ -16,6 +16,8 @@ from spikelane_sim.errors import SpikelaneError
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
+    'evaluate': 'measure a controller over laps and seeds',
+    'experiment': 'do all runs that a file describes',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }
