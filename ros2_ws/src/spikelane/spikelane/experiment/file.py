@@ -22,6 +22,7 @@ that controller alone. YAML's anchors and aliases spare repetition.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+import dataclasses
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
@@ -192,7 +193,7 @@ def _known_parameters(controllers: tuple[str, ...]) -> dict[str, ParameterSpec]:
     groups: dict[str, type[Parameters]] = {'simulator': SimulatorParameters}
     groups |= {name: controller_class(name).parameters_class for name in controllers}
     return {
-        f'{group}.{spec.name}': spec
+        f'{group}.{spec.name}': dataclasses.replace(spec, name=f'{group}.{spec.name}')
         for group, cls in groups.items()
         for spec in cls.specs()
         if f'{group}.{spec.name}' != 'simulator.course'  # that is for `scenarios` to say

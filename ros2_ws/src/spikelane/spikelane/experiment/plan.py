@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
-from spikelane.experiment.tasks import Need, plain, Point, Task, TASKS
+from spikelane.experiment.tasks import Need, plain, Point, TASKS
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
@@ -65,10 +65,10 @@ class Plan(NamedTuple):
 class _Place(NamedTuple):
     """Where a run stands, but for task and controller."""
 
-    block: int
+    block: int | None  # None: in whichever
     scenario: str
     seed: int
-    labels: tuple[tuple[str, str], ...]
+    labels: tuple[tuple[str, str], ...]  # in whichever block, what they stand for
 
 
 def make_plan(record: ExperimentRecord) -> Plan:
@@ -90,7 +90,7 @@ class _Planner:
     def __init__(self) -> None:
         self.runs: list[Run] = []
         self._by_key: dict[str, Run] = {}
-        self._by_place: dict[tuple[_Place, Need], Run] = {}
+        self._by_place: dict[tuple[_Place, Need], list[Run]] = {}
         self._names: set[str] = set()
 
     def add_block(self, number: int, block: Block) -> None:
@@ -106,7 +106,7 @@ class _Planner:
 
     def _add_runs(self, block: Block, task: str, controller: str, place: _Place) -> None:
         """Add the run of a task; where it is of conditions, that of each course and condition."""
-        before = self._before(block, TASKS[task], controller, place)
+        before = self._before(block, task, controller, place)
         courses: tuple[str, ...] = ('',)
         conditions: tuple[str, ...] = ('',)
         if TASKS[task].is_of_conditions:
@@ -126,17 +126,31 @@ class _Planner:
                 course,
             )
             run = self._run(block, task, point, labels, before)
-            self._by_place.setdefault((place, Need(task, controller)), run)
+            for where in (place, _anywhere(block, place)):
+                known = self._by_place.setdefault((where, Need(task, controller)), [])
+                if run not in known:
+                    known.append(run)
 
-    def _before(self, block: Block, task: Task, controller: str, place: _Place) -> Run | None:
-        needs = task.needs(controller)
-        for need in needs:
-            if (place, need) in self._by_place:
-                return self._by_place[place, need]
-        if task.must_have_need:
+    def _before(self, block: Block, task: str, controller: str, place: _Place) -> Run | None:
+        """Return the run whose checkpoint another takes: of its block, else of any before it."""
+        labels = dict(place.labels)
+        if f'{controller}.checkpoint' in _parameters(block, labels, controller):
+            return None
+        needs = TASKS[task].needs(controller)
+        for where, need in itertools.product((place, _anywhere(block, place)), needs):
+            found = self._by_place.get((where, need), [])
+            if len(found) > 1:
+                names = ' and '.join(run.name for run in found)
+                raise ExperimentError(
+                    f'{block.place}: {task} of {controller}: expected one run before it, '
+                    f'got {names}: give their difference a name in `variants`'
+                )
+            if found:
+                return found[0]
+        if TASKS[task].must_have_need:
             wanted = ' or '.join(f'{need.task} of {need.controller}' for need in needs)
             raise ExperimentError(
-                f'{block.place}: expected {wanted} in the block too, which another task needs'
+                f'{block.place}: {task} of {controller}: expected {wanted} in the experiment too'
             )
         return None
 
@@ -170,6 +184,14 @@ def _combinations(block: Block) -> Iterator[tuple[tuple[str, str], ...]]:
     """Yield every combination of names on a block's axes."""
     axes = ([(axis, name) for name in names] for axis, names in block.axes.items())
     return itertools.product(*axes)
+
+
+def _anywhere(block: Block, place: _Place) -> _Place:
+    """Return the place without its block: names count for what they stand for."""
+    meanings = tuple(
+        (axis, json.dumps(block.axes[axis][name], sort_keys=True)) for axis, name in place.labels
+    )
+    return place._replace(block=None, labels=meanings)
 
 
 def _parameters(block: Block, labels: Mapping[str, str], controller: str) -> dict[str, Any]:

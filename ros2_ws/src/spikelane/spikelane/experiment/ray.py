@@ -43,6 +43,7 @@ class RayEngine:
         self._ray = _import_ray()
         try:
             if address is None:
+                os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
                 self._ray.init(
                     num_cpus=jobs or os.cpu_count(),
                     include_dashboard=False,
