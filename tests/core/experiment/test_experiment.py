@@ -164,7 +164,8 @@ def test_everything_is_told_in_the_log_and_the_results(whole: Experiment) -> Non
         ('finish', None),
     ]
     results = json.loads((whole.folder / 'results.json').read_text())
-    assert [(each['name'], each['state']) for each in results['runs']][0][0] == TRAIN
+    states = {each['name']: each['state'] for each in results['runs']}
+    assert states == {TRAIN: 'done', EVALUATE: 'done'}
     train, evaluate = results['groups']
     assert (train['task'], train['robots'], train['seeds']) == ('train', 'kinematic', [3])
     assert train['metrics']['steps']['mean'] == 1200
@@ -222,12 +223,46 @@ def test_killed_again_and_again_the_results_are_the_same(
     assert experiment.events(TRAIN)[-3:] == ['start', 'start', 'done']
 
 
+def parent_of(pid: int) -> int:
+    """Return the process that started another."""
+    return int(Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[1])
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_results_though_a_worker_is_killed(
+    whole: Experiment, tmp_path: Path
+) -> None:
+    """Ray on this machine with two workers, both at work; the run of the one killed goes on."""
+    pytest.importorskip('ray')
+    other = """
+  - controllers: [braitenberg]
+    robots: [kinematic]
+    variants: {short: {simulator.episode.max_steps: 130}}
+    tasks: [evaluate]
+"""
+    matrix = TINY.replace('\n  controllers', '\n  - controllers').splitlines()
+    block = [
+        line if line.startswith((' ' * 2 + '-', 'name', 'm')) else f'  {line}' for line in matrix
+    ]
+    experiment = Experiment(tmp_path, '\n'.join(block) + other)
+    process = experiment.start('--engine', 'ray', '--json')
+    wait_until(lambda: len(experiment.workers()) == 2, process)
+    wait_until(lambda: experiment.saved_steps() >= 100, process)
+    training = next(pid for pid in experiment.workers() if TRAIN in commands()[pid][-1])
+    os.kill(parent_of(training), signal.SIGKILL)
+    output, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0, errors
+    assert {each['state'] for each in json.loads(output)['runs']} == {'done'}
+    assert experiment.events(TRAIN) == ['start', 'retry', 'start', 'done']
+    assert experiment.results() == whole.results()
+
+
 FAILING = """
 name: failing
 matrix:
   - controllers: [rstdp]
-    variants: {lost: {rstdp.checkpoint: /nowhere}}
-    tasks: {train: {steps: 100}}
+    variants: {odd: {simulator.robot.physics_step_s: 0.007}}
+    tasks: {train: {steps: 100}, evaluate: {}}
   - controllers: [braitenberg]
     robots: [kinematic]
     variants: {short: {simulator.episode.max_steps: 30}}
@@ -239,13 +274,12 @@ def test_a_failed_run_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
     """Exit status 1; it is tried again by the next call, and only it."""
     experiment = Experiment(tmp_path, FAILING)
     for _ in range(2):
-        result = experiment.finish(status=1)
-        failed, other = result['runs']
-        assert failed['state'] == 'failed'
-        assert 'expected one of' in failed['message']
-        assert "got '/nowhere'" in failed['message']
+        failed, blocked, other = experiment.finish(status=1)['runs']
+        assert (failed['state'], blocked['state']) == ('failed', 'blocked')
+        assert failed['message'].startswith('physics_step_s: expected a whole fraction of 0.05 s')
+        assert blocked['message'] == 'needs train-rstdp-1-odd-seed0'
     assert other['state'] == 'found'
-    assert experiment.events('train-rstdp-1-lost-seed0') == ['start', 'fail', 'start', 'fail']
+    assert experiment.events('train-rstdp-1-odd-seed0') == ['start', 'fail', 'start', 'fail']
     assert experiment.events('evaluate-braitenberg-1-kinematic-short-seed0') == ['start', 'done']
 
 

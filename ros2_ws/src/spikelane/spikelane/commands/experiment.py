@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -96,10 +97,12 @@ def _do(plan: Plan, root: Path, options: argparse.Namespace) -> int:
     from spikelane.experiment.table import shown
 
     runner = Runner(plan, root, options.retries)
-    engine = _engine(options)
     try:
-        with shown(runner, engine.slots, options.json) as show:
-            counts = runner.run(engine, show)
+        # The standard output is for results; Ray would say there what it thinks of a worker's end.
+        with contextlib.redirect_stdout(sys.stderr):
+            engine = _engine(options)
+            with shown(runner, engine.slots, options.json) as show:
+                counts = runner.run(engine, show)
     except BaseException as error:
         if not isinstance(error, Exception):  # Ctrl-C, or SIGTERM
             finished = runner.counts.finished
