@@ -144,11 +144,11 @@ matrix:
             ":5: unknown parameter 'braitenberg.poisson.max_events', expected rstdp.<name>, ",
         ),
         ('train:', 'drain:', ":7: unknown task 'drain', expected train, evaluate"),
-        ('steps: 200', 'steps: 0', ':7: steps: expected a whole number of at least 1, got 0'),
+        ('steps: 200', 'steps: -2', ':7: steps: expected a whole number of at least 0, got -2'),
         (
             'steps: 200',
             'step: 200',
-            r":7: unknown key 'step' of matrix\[0\].tasks.train, expected steps",
+            ":7: unknown parameter 'step', expected steps",
         ),
         ('steps: 200', 'steps: 200, steps: 3', r':7: matrix\[0\].tasks.train.steps: given twice'),
         ('{steps: 200}', '', r':7: matrix\[0\].tasks.train: expected a mapping, got nothing'),

@@ -171,6 +171,33 @@ def test_a_combination_that_is_not_allowed_is_refused_with_its_block(tmp_path: P
         )
 
 
+def test_the_experiment_on_rstdp_is_that_of_the_script() -> None:
+    """docs/results/rstdp.sh: SETTING SCENARIO STEPS of ten seeds, laps with seed 100 and on."""
+    root = Path(__file__).parents[3]
+    plan = make_plan(read_experiment(root / 'experiments/rstdp.yaml'))
+    trained = [run for run in plan.runs if run.task == 'train']
+    assert {
+        (
+            run.labels['variants'],
+            run.point.scenario,
+            run.identity['configuration']['training']['steps'],
+        )
+        for run in trained
+    } == {
+        ('paper', '1', 30_000),
+        ('paper', '2', 40_000),
+        ('paper', '3', 120_000),
+        ('best', '1', 10_000),
+        ('best', '2', 10_000),
+        ('best', '3', 30_000),
+    }
+    assert len(trained) == 60
+    evaluated = [run.identity['configuration'] for run in plan.runs if run.task == 'evaluate']
+    assert sorted(each['seed'] for each in evaluated) == sorted([*range(100, 110)] * 6)
+    assert {each['simulator']['episode.max_laps'] for each in evaluated} == {3}
+    assert {each['simulator']['robot.model'] for each in evaluated} == {'pybullet'}
+
+
 SMALL = '  {controllers: [rstdp], VARIANT tasks: {train: {steps: STEPS}, evaluate: {}}}'
 
 

@@ -31,7 +31,7 @@ from spikelane.configuration import TRANSPORTS
 from spikelane.experiment.tasks import TASKS
 from spikelane_controllers.registry import controller_class, CONTROLLERS
 from spikelane_sim.course import available_courses, load_course, scenario_course
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import Parameters, ParameterSpec
 from spikelane_sim.simulator import SimulatorParameters
 from spikelane_sim.yaml_file import read_yaml, YamlValue
@@ -146,8 +146,11 @@ def _read_options(value: YamlValue | None, cls: type[Parameters]) -> Parameters:
     if value is None:
         return cls()
     specs = {spec.name: spec for spec in cls.specs()}
-    fields = value.fields('', ' '.join(specs))
-    return cls(**{name: each.parameter(specs[name]) for name, each in fields.items()})
+    given = dict(_read_parameters(value, '', specs))
+    try:
+        return cls.from_mapping(given)
+    except ParameterError as error:  # a combination
+        value.refuse(error)
 
 
 def _read_axis(
@@ -186,7 +189,7 @@ def _near(name: str, specs: Mapping[str, ParameterSpec]) -> list[str]:
         start = '.'.join(parts[:n]) + '.'
         if found := [each for each in specs if each.startswith(start)]:
             return found
-    return sorted({each.partition('.')[0] + '.<name>' for each in specs})
+    return sorted({re.sub(r'\..*', '.<name>', each) for each in specs})
 
 
 def _known_parameters(controllers: tuple[str, ...]) -> dict[str, ParameterSpec]:

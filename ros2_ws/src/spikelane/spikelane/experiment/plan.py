@@ -15,16 +15,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
-from spikelane.experiment.tasks import Need, plain, Point, TASKS
+from spikelane.experiment.tasks import FROM_RUN, Need, plain, Point, TASKS
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
 
 #: In a run's folder: what it is, for who does it and to find it again.
 RUN_FILE = 'run.json'
-
-#: Stands in a configuration for the checkpoint that the run before will leave.
-_FROM_RUN = '(of the run before)'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,7 +156,7 @@ class _Planner:
     ) -> Run:
         options = block.tasks[task]
         try:
-            config = TASKS[task].configure(point, options, _FROM_RUN if before else None)
+            config = TASKS[task].configure(point, options, FROM_RUN if before else None)
         except SpikelaneError as error:
             raise ExperimentError(f'{block.place}: {task} {point.controller}: {error}') from None
         identity = {

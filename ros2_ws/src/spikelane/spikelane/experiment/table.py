@@ -70,25 +70,24 @@ def render(runner: Runner, slots: int) -> Group:
 
 
 def time_left_s(runner: Runner, slots: int) -> float | None:
-    """Estimate how long all will take [s]: waiting runs like the running ones of their task.
+    """Estimate how long all will take [s]: a run of unknown speed like those of its task.
 
-    None before a run has said anything, or where there is none like those that wait.
+    None where no run of the same task has told its speed.
     """
     whole_s: dict[str, list[float]] = {}
-    left_s = 0.0
+    known_s: list[float] = []
+    unknown: list[str] = []
     for status in runner.statuses.values():
         if status.state is State.RUNNING and status.left_s is not None and status.last:
-            remaining = 1.0 - status.last[1].share
-            left_s += status.left_s
-            if remaining > 0:
-                whole_s.setdefault(status.run.task, []).append(status.left_s / remaining)
-    for status in runner.statuses.values():
-        if status.state is State.WAITING:
-            alike = whole_s.get(status.run.task)
-            if not alike:
-                return None
-            left_s += sum(alike) / len(alike)
-    return left_s / slots if whole_s else None
+            known_s.append(status.left_s)
+            if (rest := 1.0 - status.last[1].share) > 0:
+                whole_s.setdefault(status.run.task, []).append(status.left_s / rest)
+        elif status.state in (State.RUNNING, State.WAITING):
+            unknown.append(status.run.task)
+    if not known_s or not set(unknown) <= set(whole_s):
+        return None
+    guessed_s = [sum(whole_s[task]) / len(whole_s[task]) for task in unknown]
+    return (sum(known_s) + sum(guessed_s)) / slots
 
 
 def _print_line(console: Console, runner: Runner, status: Status | None) -> None:

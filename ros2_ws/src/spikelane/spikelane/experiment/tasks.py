@@ -10,9 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
-from spikelane.configuration import Configuration
 from spikelane.evaluation import evaluate, EvaluateConfig, EvaluationParameters, ShowShare
 from spikelane.evaluation import make_config as make_evaluate_config
 from spikelane.run_folder import RunFolder
@@ -22,6 +21,9 @@ from spikelane_controllers.registry import controller_class
 from spikelane_controllers.training import TrainingParameters
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import parameter, Parameters
+
+#: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
+FROM_RUN = '(of the run before)'
 
 
 class Point(NamedTuple):
@@ -42,6 +44,13 @@ class Need(NamedTuple):
     controller: str
 
 
+class Configured(Protocol):
+    """Everything that determines a run."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it under names, of JSON's kinds."""
+
+
 class Task(NamedTuple):
     """A kind of run."""
 
@@ -50,7 +59,8 @@ class Task(NamedTuple):
     is_for: Callable[[str], bool]  # whether a controller takes part
     needs: Callable[[str], Sequence[Need]]  # of a controller: the first that is planned is taken
     must_have_need: bool  # whether it cannot do without
-    configure: Callable[[Point, Any, str | None], Configuration]  # options, checkpoint taken
+    # Of options and the checkpoint taken: a folder, or FROM_RUN; None where none is.
+    configure: Callable[[Point, Any, str | None], Configured]
     run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
 
 
@@ -58,7 +68,9 @@ class Task(NamedTuple):
 class TrainOptions(Parameters):
     """How a controller is trained."""
 
-    steps: int = parameter(TrainingParameters.steps, 'How long, as --steps of train.', low=1)
+    steps: int = parameter(
+        0, 'How long, as --steps of `spikelane train`; 0: as long as usual.', low=0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +95,7 @@ def _configure_training(
         point.seed,
         point.transport,
         point.parameters,
-        options.steps,
+        options.steps or TrainingParameters.steps,
     )
 
 
