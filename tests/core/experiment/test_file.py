@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
 import pytest
 
@@ -85,6 +86,13 @@ def test_one_block_needs_no_list_and_seeds_can_be_counted(tmp_path: Path) -> Non
 def test_the_files_that_come_along_can_be_read(path: Path) -> None:
     """Each is named as its experiment."""
     assert read_experiment(path).name == path.stem
+
+
+def test_the_file_in_the_readme_can_be_read(tmp_path: Path) -> None:
+    """The only YAML there."""
+    (text,) = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.DOTALL)
+    (block,) = read(tmp_path, text).blocks
+    assert (block.controllers, len(block.seeds)) == (('rstdp', 'braitenberg'), 10)
 
 
 BLOCK = """name: a
