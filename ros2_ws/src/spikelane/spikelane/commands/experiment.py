@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--address',
-        help='of the Ray cluster, which sees the folder under the same path (default: one of '
-        'its own, on this machine)',
+        help='of the Ray cluster, which sees the folder under the same path; where it wants a '
+        'token, that is in RAY_AUTH_TOKEN (default: one of its own, on this machine)',
     )
     parser.add_argument(
         '--retries',

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import os
 from pathlib import Path
+import signal
 import sys
 from typing import NamedTuple, Protocol
 
 from spikelane.experiment.worker import LOG, ONE_THREAD
 
 _LAST_CHARACTERS = 4000
+
+#: A worker that was told to end puts things in order first, and says so as shells do.
+_ENDED_BY_SIGNAL = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 
 
 class Ended(NamedTuple):
@@ -67,6 +71,8 @@ def ended_run(name: str, status: int, folder: Path) -> Ended:
     """Describe how a run's process ended, with the last line it said where it failed."""
     if status == 0:
         return Ended(name, 0, '')
+    if status in _ENDED_BY_SIGNAL:
+        status = 128 - status
     if status < 0:
         return Ended(name, status, f'killed by signal {-status}')
     try:

@@ -31,10 +31,11 @@ class RayEngine:
     """Gives runs to a Ray cluster; an `Engine`."""
 
     def __init__(self, address: str | None, jobs: int | None) -> None:
-        """Join a cluster, or begin one on this machine that nobody else reaches.
+        """Join a cluster, or begin one on this machine that lets in nobody else.
 
         Args:
-            address: Of the cluster, as Ray has it; None for one of our own.
+            address: Of the cluster, as Ray has it; its token, where it wants one, is in the
+                environment as Ray has it (RAY_AUTH_TOKEN). None for a cluster of our own.
             jobs: Runs at a time; None for as many as the cluster has processors.
 
         Raises:
@@ -44,7 +45,9 @@ class RayEngine:
         try:
             if address is None:
                 os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
+                os.environ.setdefault('RAY_AUTH_MODE', 'token')  # which Ray makes for itself
                 self._ray.init(
+                    'local',  # else it would join whatever cluster this machine has
                     num_cpus=jobs or os.cpu_count(),
                     include_dashboard=False,
                     log_to_driver=False,
