@@ -45,7 +45,6 @@ class RayEngine:
         try:
             if address is None:
                 os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
-                os.environ.setdefault('RAY_AUTH_MODE', 'token')  # which Ray makes for itself
                 self._ray.init(
                     'local',  # else it would join whatever cluster this machine has
                     num_cpus=jobs or os.cpu_count(),
