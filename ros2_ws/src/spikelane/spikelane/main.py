@@ -19,6 +19,8 @@ COMMANDS = {
     'transfer': 'teach a spiking network the policy of a trained Q-network',
     'export': 'write a spiking network in a format that others read',
     'replay': 'let a controller answer a recorded drive, and compare',
+    'evaluate': 'measure a controller over laps and seeds',
+    'experiment': 'do all runs that a file describes',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

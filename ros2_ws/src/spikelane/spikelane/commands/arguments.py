@@ -14,6 +14,8 @@ import yaml
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.lap import Show
+from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 
 _SHOWN_EVERY_STEPS = 100
@@ -84,6 +86,41 @@ def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> No
     )
 
 
+def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare which controller drives, and with which weights."""
+    parser.add_argument(
+        '--controller',
+        default='braitenberg',
+        choices=CONTROLLERS,
+        help='what drives (default: braitenberg)',
+    )
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training left, or a checkpoint in it; for controllers that learn '
+        '(default: the weights shipped for the scenario, else those for scenario 1)',
+    )
+
+
+def given_weights(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given checkpoint is.
+
+    Raises:
+        ParameterError: The controller has no weights to learn.
+    """
+    if options.checkpoint is None:
+        return {}
+    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
+    if 'checkpoint' not in known:
+        raise ParameterError(
+            f'--checkpoint: expected a controller that learns, got {options.controller}'
+        )
+    # The nodes need not run in this folder.
+    path = str(Path(options.checkpoint).absolute())
+    is_shipped = options.checkpoint in shipped_weights(options.controller)
+    return {f'{options.controller}.checkpoint': options.checkpoint if is_shipped else path}
+
+
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that were given under dotted names.
 
@@ -125,18 +162,21 @@ def _value(name: str, text: str) -> Any:
 
 
 @contextlib.contextmanager
-def progress(is_quiet: bool) -> Iterator[Show]:
-    """Give what shows progress to people: on one line of a terminal's standard error."""
+def progress(is_quiet: bool, unit: str = 'm') -> Iterator[Show]:
+    """Give what shows progress to people: on one line of a terminal's standard error.
+
+    It is called with steps and how far they have led, in the unit.
+    """
     if is_quiet or not sys.stderr.isatty():
-        yield lambda step, progress_m: None
+        yield lambda step, progress: None
         return
     due = 0
 
-    def show(step: int, progress_m: float) -> None:
+    def show(step: int, progress: float) -> None:
         nonlocal due
         if step >= due:
             due = step + _SHOWN_EVERY_STEPS
-            print(f'\r{step:6d} steps, {progress_m:5.1f} m ', end='', file=sys.stderr)
+            print(f'\r{step:6d} steps, {progress:5.1f} {unit} ', end='', file=sys.stderr)
 
     try:
         yield show

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.bag.drive import RecordedDrive
-from spikelane.commands.arguments import parse_parameters, progress
-from spikelane.commands.lap import given_weights
+from spikelane.commands.arguments import given_weights, parse_parameters, progress
 from spikelane.replay import make_config, make_folder, replay, report_replay
 from spikelane_controllers.registry import controller_class, CONTROLLERS
 from spikelane_sim.errors import ParameterError
