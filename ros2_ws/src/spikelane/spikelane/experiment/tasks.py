@@ -18,7 +18,6 @@ from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_train_config
 from spikelane.training import report_training, train, TrainConfig
 from spikelane_controllers.registry import controller_class
-from spikelane_controllers.training import TrainingParameters
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -95,7 +94,7 @@ def _configure_training(
         point.seed,
         point.transport,
         point.parameters,
-        options.steps or TrainingParameters.steps,
+        options.steps or None,
     )
 
 
