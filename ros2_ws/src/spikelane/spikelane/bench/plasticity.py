@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from spikelane.bench.unavailable import BenchmarkUnavailableError
 from spikelane_controllers.plasticity import (
+    PlasticNetwork,
     resting_plastic_state,
-    run_plastic_network,
     synapse_rule,
     SynapseParameters,
 )
@@ -57,7 +57,7 @@ def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
     Returns:
         `ratio`, NEST's time of a window over ours, dopamine set in both; `ratio_slow_set`, the
         same with NEST's slower way; `ratio_simulate`, without NEST's setting the dopamine; the
-        medians of the times, `ours_us`, `nest_us` and `nest_simulate_us`; and how well both
+        usual times, `ours_us`, `nest_us` and `nest_simulate_us`; and how well both
         agree, `same_spikes` and `weight_difference_pa`.
 
     Raises:
@@ -74,7 +74,7 @@ def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
     nest = _run_nest(task)
     nest_us = nest['simulate_us'] + nest['set_us']
     quick_us, slow_us, simulate_us = (
-        float(np.median(times)) for times in (nest_us[::2], nest_us[1::2], nest['simulate_us'])
+        _usual(times) for times in (nest_us[::2], nest_us[1::2], nest['simulate_us'])
     )
     return {
         'ratio': quick_us / ours_us,
@@ -100,20 +100,26 @@ def _make_task(windows: int, seed: int) -> Task:
 
 
 def _run_ours(task: Task) -> tuple[list[tuple[int, int]], NDArray[np.float64], float]:
-    """Return the spikes, the last weights, and the median time of a window [us]."""
+    """Return the spikes, the last weights, and the usual time of a window [us]."""
     delays = DelayParameters()
     constants = neuron_constants(NeuronParameters())
     rule = synapse_rule(SynapseParameters(), delays)
-    state = resting_plastic_state(task.weights_pa, delays)
-    run_plastic_network(state, task.inputs[0], constants, rule)  # compiles
+    begin = resting_plastic_state(task.weights_pa, delays)
+    PlasticNetwork(begin, constants, rule).run(task.inputs[0])  # compiles
+    network = PlasticNetwork(begin, constants, rule)
     spikes, times_us = [], []
     for window, inputs in enumerate(task.inputs):
         start = time.perf_counter()
-        state = state._replace(dopamine=task.dopamine[window])
-        state, fired = run_plastic_network(state, inputs, constants, rule)
+        network.dopamine[:] = task.dopamine[window]
+        fired = network.run(inputs)
         times_us.append((time.perf_counter() - start) * 1e6)
         spikes += [(step + window * GRID_STEPS, neuron) for step, neuron in fired.tolist()]
-    return sorted(spikes), state.weights_pa, float(np.median(times_us))
+    return sorted(spikes), network.weights_pa, _usual(np.array(times_us))
+
+
+def _usual(times_us: NDArray[np.float64]) -> float:
+    """Return the lower quartile: what others do on the machine lengthens the longer windows."""
+    return float(np.percentile(times_us, 25))
 
 
 def _run_nest(task: Task) -> dict[str, NDArray[Any]]:
