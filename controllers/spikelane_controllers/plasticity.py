@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.plasticity_kernel import (
+    NETWORK_DTYPE,
     POST_DTYPE,
     Posts,
     RULE_DTYPE,
@@ -234,22 +235,20 @@ class PlasticNetwork:
             rule: The synapses.
             window: Length of the windows, as in `run_plastic_network`.
         """
-        self._constants, self._rule, self._window = constants, rule, window
         scalars = rule.scalars[0]
         neurons = len(state.neurons)
         per_neuron = 1 + (window - 1) // (1 + int(constants[0]['refractory']))
         remembered = max(len(state.history), int(scalars['delay'] + scalars['interval'])) + 1
-        self._work = Workspace(
+        work = self._work = Workspace(
             neurons=state.neurons.copy(),
             synapses=np.zeros(state.weights_pa.shape, SYNAPSE_DTYPE),
             dopamine=state.dopamine.copy(),
             arriving_pa=np.zeros((window + scalars['delay'], neurons)),
             posts=np.zeros((neurons, remembered + per_neuron), POST_DTYPE),
-            counts=np.zeros(neurons, np.int64),
             flying=state.in_flight.copy(),
             fired=np.empty(neurons * per_neuron, SPIKE_DTYPE),
+            counts=np.zeros(neurons, np.int64),
         )
-        work = self._work
         work.synapses['weight_pa'] = state.weights_pa
         work.synapses['eligibility'], work.synapses['k_plus'] = state.eligibility, state.k_plus
         work.arriving_pa[: scalars['delay']] = state.arriving_pa
@@ -258,6 +257,10 @@ class PlasticNetwork:
             work.posts[i, work.counts[i]] = post
             work.counts[i] += 1
         self._n_flying = len(state.in_flight)
+        self._network = np.zeros(1, NETWORK_DTYPE)
+        self._network[0] = constants[0], scalars, window
+        self._tables = rule.tables
+        self._arguments = (*work, self._network, self._tables)
 
     @property
     def weights_pa(self) -> Weights:
@@ -272,7 +275,7 @@ class PlasticNetwork:
     @property
     def state(self) -> PlasticState:
         """A copy of the state now."""
-        work = self._work
+        work, rule = self._work, self._network[0]['synapse']
         history = [posts[:n] for posts, n in zip(work.posts, work.counts, strict=True)]
         for i, posts in enumerate(history):
             posts['source'] = i
@@ -283,7 +286,7 @@ class PlasticNetwork:
             k_plus=work.synapses['k_plus'].copy(),
             dopamine=work.dopamine.copy(),
             in_flight=work.flying[: self._n_flying].copy(),
-            arriving_pa=work.arriving_pa[: self._rule.scalars[0]['delay']].copy(),
+            arriving_pa=work.arriving_pa[: rule['delay']].copy(),
             history=np.concatenate(history),
         )
 
@@ -292,9 +295,8 @@ class PlasticNetwork:
         needed = self._n_flying + len(inputs)
         if needed > len(self._work.flying):
             self._work = self._work._replace(flying=np.resize(self._work.flying, 2 * needed))
-        self._n_flying, n_fired = run(
-            *self._work, self._n_flying, inputs, self._constants, *self._rule, self._window
-        )
+            self._arguments = (*self._work, self._network, self._tables)
+        self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
         fired: Spikes = self._work.fired[:n_fired].copy()
         return fired
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.spiking import (
     advance_current,
     advance_potential,
-    Constants,
+    CONSTANTS_DTYPE,
     Neurons,
     Spikes,
 )
@@ -50,6 +50,11 @@ RULE_DTYPE = np.dtype(
     ]
 )
 
+#: What a network is made of: its neurons, its synapses, and the length of its windows.
+NETWORK_DTYPE = np.dtype(
+    [('neuron', CONSTANTS_DTYPE), ('synapse', RULE_DTYPE), ('window', '<i8')]  # [grid steps]
+)
+
 Posts = NDArray[np.void]  # of POST_DTYPE, in the order of stamps, (n_spikes,)
 
 
@@ -62,9 +67,9 @@ class Workspace(NamedTuple):
     arriving_pa: NDArray[np.float64]  # at the neurons, (window + delay, n_neurons)
     # Spikes of each neuron that may still pair, in order, (n_neurons, most).
     posts: NDArray[np.void]
-    counts: NDArray[np.int64]  # how many of them there are, (n_neurons,)
-    flying: Spikes  # of inputs, not yet handed to the synapses; its first ones count
-    fired: Spikes  # by the neurons in the last window; its first ones count
+    flying: Spikes  # of inputs, not yet handed to the synapses
+    fired: Spikes  # by the neurons in the last window
+    counts: NDArray[np.int64]  # how many of each neuron's posts count, (n_neurons,)
 
 
 @numba.njit(cache=True)
@@ -102,7 +107,7 @@ def _bring(
         synapse.next_post -= 1  # taken back before a spike, the synapse will meet it again
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, inline='always')
 def _meet_all(
     synapses: Any,
     met: int,
@@ -154,7 +159,7 @@ def _forget(posts: Any, count: int, window: int, since: int) -> int:
     return kept
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, inline='always')
 def _hand_over(
     synapse: Any,
     stamp: int,
@@ -180,7 +185,7 @@ def _hand_over(
     return weight_pa
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, inline='always')
 def _drive(
     neuron: Any,
     arriving: Any,
@@ -217,22 +222,24 @@ def run(
     dopamine: NDArray[np.float64],
     arriving_pa: NDArray[np.float64],
     posts: NDArray[np.void],
-    counts: NDArray[np.int64],
     flying: Spikes,
     fired: Spikes,
+    counts: NDArray[np.int64],
+    network: NDArray[np.void],
+    tables: NDArray[np.float64],
     n_flying: int,
     inputs: Spikes,
-    constants: Constants,
-    rules: NDArray[np.void],
-    tables: NDArray[np.float64],
-    window: int,
 ) -> tuple[int, int]:
     """Run a window in a `Workspace`, whose `flying` has room for all inputs.
 
+    After the workspace's arrays come one of `NETWORK_DTYPE` (1,), `SynapseRule.tables`, how many
+    spikes are flying, and what the inputs fire.
+
     Returns:
-        How many spikes are flying at its end, and how many the neurons fired.
+        How many spikes are flying at the window's end, and how many the neurons fired.
     """
-    rule, number = rules[0], len(neurons)
+    constants, rule, window = network[0].neuron, network[0].synapse, network[0].window
+    number = len(neurons)
     earlier = counts.copy()
     for k in range(len(inputs)):
         flying[n_flying + k] = inputs[k]
@@ -250,7 +257,7 @@ def run(
             flying[:handed],
             arriving_pa[:, i],
             dopamine[i],
-            constants[0],
+            constants,
             rule,
             tables,
             window,
