@@ -24,8 +24,8 @@ from spikelane_controllers.spiking import (
 #: A neuron's spike as its synapses remember it: stamp, neuron, K_minus just after it.
 POST_DTYPE = np.dtype([('stamp', '<i8'), ('source', '<i8'), ('k_minus', '<f8')])
 
-#: A synapse: weight, eligibility, K_plus; the time to which it is brought, and the index of the
-#: neuron's first spike that it has not met.
+#: A synapse: weight, eligibility, K_plus; the time to which it is brought, the index of the
+#: neuron's first spike that it has not met, and when it was last given spikes of its relay.
 SYNAPSE_DTYPE = np.dtype(
     [
         ('weight_pa', '<f8'),
@@ -33,6 +33,7 @@ SYNAPSE_DTYPE = np.dtype(
         ('k_plus', '<f8'),
         ('time', '<i8'),
         ('next_post', '<i8'),
+        ('given', '<i8'),
     ]
 )
 
@@ -175,7 +176,8 @@ def _hand_over(
     Returns:
         The weight that the spike takes to the neuron.
     """
-    if synapse.time <= now - rule.interval:
+    if synapse.given != now:  # the first of this interval
+        synapse.given = now
         _bring(synapse, now, posts, count, dopamine, rule, tables)
     _bring(synapse, stamp, posts, count, dopamine, rule, tables)
     k_minus = _k_minus(posts, count, stamp - rule.delay, rule.minus_rate)
@@ -293,7 +295,7 @@ def _run_neuron(
     while met < count and posts[met].stamp + rule.delay <= 0:
         met += 1
     for j in range(len(synapses)):
-        synapses[j].time, synapses[j].next_post = 0, met
+        synapses[j].time, synapses[j].next_post, synapses[j].given = 0, met, -1
     handed = 0
     for begin in range(0, window, rule.interval):
         met = _meet_all(synapses, met, begin, posts, count, dopamine, rule, tables)
