@@ -31,7 +31,7 @@ def main() -> None:
         median = statistics.median_low(run['last_lane_loss_step'] for run in runs)
         run = next(run for run in runs if run['last_lane_loss_step'] == median)
         command = (
-            f'./spikelane train rstdp --scenario {run["scenario"]} --seed {run["seed"]} '
+            f'spikelane train rstdp --scenario {run["scenario"]} --seed {run["seed"]} '
             f'--steps {run["steps"]}'
         )
         path = SHIPPED / f'rstdp_scenario_{run["scenario"]}.safetensors'
