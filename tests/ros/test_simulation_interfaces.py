@@ -504,6 +504,20 @@ def test_steps_can_be_cancelled_while_a_controller_is_silent(
     assert answer.result.result.error_message == 'stopped after 0 of 5 steps'
 
 
+def test_a_controller_that_leaves_is_not_waited_for(simulation: Simulation) -> None:
+    """The steps it was asked for are taken with its last command."""
+    simulation.graph.until(lambda: simulation.status)
+    controller = Answers(simulation)
+    simulation.begin()
+    response = simulation.ask(StepSimulation, steps=3)
+    controller.answer(STEP_NS, 2.0)
+    simulation.see(2 * STEP_NS)
+    assert not response.done()
+    controller.leave()
+    assert simulation.graph.result(response).result.result == OK
+    assert simulation.see(4 * STEP_NS).progress == pytest.approx(3 * 2.0 * 0.0975 * 0.05)
+
+
 @pytest.mark.parametrize(
     'end',
     [

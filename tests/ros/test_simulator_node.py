@@ -552,6 +552,16 @@ def test_wrong_parameters_are_refused_with_one_line(graph) -> None:
         assert 'Traceback' not in process.log
 
 
+def test_unknown_parameters_are_named(graph) -> None:
+    """They may be meant for another node, so that this one starts all the same."""
+    process = graph.start('simulator', {'robot.modle': 'kinematic', 'seed': 3})
+    expected = 'robot.modle: expected parameters of simulator; ignored'
+    graph.until(lambda: expected in process.log, 'the warning')
+    graph.until(lambda: 'seed 3' in process.log)
+    assert 'seed: ' not in process.log
+    assert process.stop() == 0
+
+
 def test_an_observation_waits_for_all_who_must_hear_it(graph) -> None:
     """It is said for whom; the reset is answered when the observation is out, not before."""
     parameters = {'robot.model': 'kinematic', 'autostart': 'false', 'wait_for_subscribers': 1}

@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
 from spikelane_controllers.registry import controller_class
-from spikelane_sim.contract import Controller, controller_rng, Observation
+from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import no_events
 from spikelane_sim.nodes import conversions
@@ -116,7 +116,9 @@ class ControllerNode(Node):
     def _make_driver(self, name: str) -> Controller:
         """Declare the controller's parameters and make it."""
         cls = controller_class(name)
-        return cls(declare_parameters(self, cls.parameters_class))
+        parameters = declare_parameters(self, cls.parameters_class)
+        _warm_up(cls(parameters))
+        return cls(parameters)
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         """Return what answers: the controller itself, or something that asks it."""
@@ -189,3 +191,15 @@ class ControllerNode(Node):
         if lane is not None:
             state.episode, state.step = lane.episode, lane.step
         self._states.publish(state)
+
+
+def _warm_up(controller: Controller) -> None:
+    """Take a step that nobody sees.
+
+    Compiled kernels are loaded by the first call, or compiled: the robot must not wait for that.
+    """
+    packet = EventPacket(width=1, height=1)
+    conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
+    lane = conversions.lane_state_from_message(LaneState())
+    controller.reset(controller_rng(0, 0))
+    controller.step(Observation(STEP_NS, conversions.events_from_packet(packet), lane))

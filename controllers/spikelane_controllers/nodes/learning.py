@@ -85,7 +85,7 @@ class LearningNode(ControllerNode):
     def _start(self) -> None:
         if self._training is None:
             super()._start()
-        elif self._training.is_done:
+        elif self._is_done:
             self.context.try_shutdown()
         else:
             self._client = self.create_client(Reset, 'simulator/reset')
@@ -114,9 +114,14 @@ class LearningNode(ControllerNode):
         if self._first_stamp_ns not in (None, conversions.to_stamp_ns(packet.header.stamp)):
             return
         self._first_stamp_ns = None
-        super()._on_observation(lane, packet)
-        if self._training is not None and self._training.is_done:
+        if not self._is_done:  # the next observation may be here before the node has ended
+            super()._on_observation(lane, packet)
+        if self._is_done:
             self.context.try_shutdown()
+
+    @property
+    def _is_done(self) -> bool:
+        return self._training is not None and self._training.is_done
 
     def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
         super()._step(lane, packet, stamp_ns)

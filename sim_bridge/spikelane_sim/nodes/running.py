@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+import contextlib
 import signal
 import sys
 from typing import Protocol
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from spikelane_sim.errors import SpikelaneError
@@ -30,16 +31,21 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
         0, or what the node has as `exit_status`, or 2 where it could not be made.
     """
     try:
-        rclpy.init(args=arguments)
+        with _signals_held_back():
+            # rclpy's own handler shuts down; a KeyboardInterrupt could come amid anything.
+            signal.signal(signal.SIGINT, lambda number, frame: None)
+            rclpy.init(args=arguments)
+            executor = SingleThreadedExecutor()
     except RuntimeError as error:  # of several kinds: arguments or a parameter file it cannot read
         return _refuse(' '.join(str(error).split()))
     node = None
     try:
         node = make_node()
-        rclpy.spin(node)
+        _warn_of_unknown_parameters(node)
+        rclpy.spin(node, executor)
     except SpikelaneError as error:
         return _refuse(str(error))
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except Exception:
         if rclpy.ok():
@@ -53,6 +59,33 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
             node.destroy_node()
         rclpy.try_shutdown()
     return int(getattr(node, 'exit_status', 0))
+
+
+def _warn_of_unknown_parameters(node: Node) -> None:
+    """Name the parameters given that the node does not have, as rclpy ignores them in silence.
+
+    They are no error: one file may be meant for several nodes.
+    """
+    unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
+    if unknown:
+        node.get_logger().warning(
+            f'{", ".join(unknown)}: expected parameters of {node.get_name()}; ignored'
+        )
+
+
+@contextlib.contextmanager
+def _signals_held_back() -> Iterator[None]:
+    """Let SIGINT and SIGTERM come only when the block is left.
+
+    An executor whose making a signal cuts short says so in a traceback when it is collected. No
+    thread but this one, to which they could go, is there yet.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _refuse(reason: str) -> int:

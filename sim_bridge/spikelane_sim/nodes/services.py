@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
@@ -85,6 +86,9 @@ class SimulatorServices:
             cancel_callback=self._cancel_steps,
             callback_group=group,
         )
+        # A controller may leave amid the steps asked for.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(0.5, self._take_held_steps, callback_group=group, clock=steady)
 
     async def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
         seed = None if request.seed < 0 else request.seed
@@ -182,14 +186,18 @@ class SimulatorServices:
             self._stepper.advance(steps, on_step)
         except SpikelaneError as error:
             return _failed(Result.RESULT_OPERATION_FAILED, str(error))
-        while self._stepper.advance_held():
-            await self._next_spin()
+        await self._take_held_steps()
         completed = await over.result()
         if completed < steps:
             return _failed(
                 Result.RESULT_OPERATION_FAILED, f'stopped after {completed} of {steps} steps'
             )
         return _OK
+
+    async def _take_held_steps(self) -> None:
+        """Take the steps asked for, as long as nobody is there to answer."""
+        while self._stepper.advance_held():
+            await self._next_spin()
 
     async def _next_spin(self) -> None:
         """Let the executor handle what else is waiting, a cancel request say."""
