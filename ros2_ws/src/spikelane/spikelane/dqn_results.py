@@ -23,7 +23,7 @@ def dqn_metrics(training: DqnTraining) -> dict[str, Any]:
         updates: Times the network was changed.
         states: States kept.
     """
-    solved = _first_solved(training.terminations)
+    solved = first_solved(training.terminations)
     third = None if solved is None else training.terminations[solved + _IN_A_ROW - 1]
     last = training.outcomes[-10:]
     actions = sum(each.actions for each in last)
@@ -54,8 +54,8 @@ def _is_full(episode: Termination) -> bool:
     return episode.reason == TERMINATED_STEP_LIMIT
 
 
-def _first_solved(episodes: list[Termination]) -> int | None:
-    """Return the index of the first episode of the first three that were full."""
+def first_solved(episodes: list[Termination]) -> int | None:
+    """Return the index of the first episode of the first three in a row that were full."""
     for index in range(len(episodes) - _IN_A_ROW + 1):
         run = episodes[index : index + _IN_A_ROW]
         if all(map(_is_full, run)) and len({each.lane for each in run}) > 1:

@@ -21,6 +21,7 @@ COMMANDS = {
     'replay': 'let a controller answer a recorded drive, and compare',
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'do all runs that a file describes',
+    'report': 'write one page on many runs, against the paper',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

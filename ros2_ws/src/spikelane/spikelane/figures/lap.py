@@ -61,8 +61,8 @@ def draw_lap(
         map_axes, deviation_axes, histogram_axes = _lay_out(figure)
         draw_course(map_axes, course, lane)
         draw_path(map_axes, trajectory)
-        _draw_deviation(deviation_axes, trajectory, lane, course.lane_width_m)
-        _draw_histogram(histogram_axes, trajectory.distance_m[1:], metrics['mean_abs_distance_m'])
+        draw_deviation(deviation_axes, trajectory, lane, course.lane_width_m)
+        draw_histogram(histogram_axes, trajectory.distance_m[1:], metrics['mean_abs_distance_m'])
         style.write_title(figure, title, _in_words(metrics))
         return style.save(figure, path)
 
@@ -84,8 +84,24 @@ def _in_words(metrics: dict[str, Any]) -> str:
     return f'{laps} {metrics["steps"]:,} steps, {first}{metrics["lap_time_s"]:.1f} s'
 
 
-def _draw_deviation(axes: Axes, trajectory: Trajectory, lane: Lane, lane_width_m: float) -> None:
-    limit_m = _round_limit(float(np.abs(trajectory.distance_m[1:]).max()))
+def draw_deviation(
+    axes: Axes,
+    trajectory: Trajectory,
+    lane: Lane,
+    lane_width_m: float,
+    limit_m: float | None = None,
+) -> None:
+    """Draw the deviation over the position along the lane, with the lane's sections.
+
+    Args:
+        axes: To draw in.
+        trajectory: Of one episode of at least one step.
+        lane: That it drove on.
+        lane_width_m: Its width.
+        limit_m: Of the deviation shown; None for one that fits.
+    """
+    if limit_m is None:
+        limit_m = deviation_limit_m(trajectory)
     axes.set_xlim(0, lane.length_m)
     axes.set_ylim(-limit_m, limit_m)
     _draw_sections(axes, lane)
@@ -157,7 +173,12 @@ def _name_sides(axes: Axes) -> None:
         )
 
 
-def _draw_histogram(axes: Axes, distances: Floats, error_m: float) -> None:
+def deviation_limit_m(trajectory: Trajectory) -> float:
+    """Return a limit of the deviation shown that all of an episode fits in."""
+    return _round_limit(float(np.abs(trajectory.distance_m[1:]).max()))
+
+
+def draw_histogram(axes: Axes, distances: Floats, error_m: float) -> None:
     """Draw how large a part of the steps ended at which deviation."""
     low, high = axes.get_ylim()
     edges = np.linspace(low, high, 61)  # an edge at zero: no bar has two sides

@@ -78,6 +78,32 @@ def draw_weights(
         return style.save(figure, path)
 
 
+def draw_fixed_weights(
+    weights_pa: Floats, encoding: EncodingParameters, path: Path, title: str = ''
+) -> tuple[Path, ...]:
+    """Draw weights that were never learnt, as images, one per neuron.
+
+    Args:
+        weights_pa: To the left and the right neuron [pA], (2, rows * columns).
+        encoding: Which input belongs to which cell of the image.
+        path: Ending in .svg or .png; without an ending both are written.
+        title: Above the figure.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpikelaneError: The path has another ending, or it cannot be written.
+    """
+    images = weights_pa.reshape(len(_NEURONS), encoding.rows, encoding.columns)
+    with style.settings():
+        figure = style.new_figure(_SIZE_IN[0], 0.55 * _SIZE_IN[1])
+        style.write_title(figure, title, 'set by hand')
+        nothing = np.zeros(images.shape[1:], bool)
+        _draw_images(figure, images.astype(np.float32), nothing, bottom=0.18, height=0.6)
+        return style.save(figure, path)
+
+
 def weights_correlation(
     weights_pa: NDArray[Any], initial_pa: NDArray[Any] | None = None
 ) -> dict[str, float | None]:
@@ -157,10 +183,15 @@ def _weights_in_words(training: PlasticTraining, encoding: EncodingParameters) -
     return f'{words}; correlation with the Braitenberg weights {correlation:.2f}'
 
 
-def _draw_images(figure: Figure, images: NDArray[np.float32], unmoved: NDArray[np.bool_]) -> None:
+def _draw_images(
+    figure: Figure,
+    images: NDArray[np.float32],
+    unmoved: NDArray[np.bool_],
+    bottom: float = 0.56,
+    height: float = 0.315,
+) -> None:
     """Draw the weights of each neuron as an image of their inputs' cells, on one scale."""
     largest_pa = _round_up(float(images.max()))
-    bottom, height = 0.56, 0.315
     for name, image, (left, width) in zip(_NEURONS, images, _COLUMNS, strict=True):
         axes = figure.add_axes((left, bottom, width, height))
         axes.set_title(f'{name} motor neuron', fontsize=style.NORMAL_PT, weight='bold')

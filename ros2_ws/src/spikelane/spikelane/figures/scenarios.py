@@ -1,0 +1,47 @@
+"""The figure of the course in the paper's three scenarios: its markings, sections and starts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from spikelane.figures import style
+from spikelane.figures.course_map import draw_course
+from spikelane_sim.course import load_course
+
+_SIZE_IN = (10.6, 4.0)
+_SCENARIOS = {
+    'scenario_1': 'scenario 1: all lines',
+    'scenario_2': 'scenario 2: the dashed line only',
+    'scenario_3': 'scenario 3: two patterns',
+}
+
+
+def draw_scenarios(path: Path, title: str = '') -> tuple[Path, ...]:
+    """Draw the three scenarios side by side, with the sections of the outer lane.
+
+    Args:
+        path: Ending in .svg or .png; without an ending both are written.
+        title: Above the figure.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpikelaneError: The path has another ending, or it cannot be written.
+    """
+    with style.settings():
+        figure = style.new_figure(*_SIZE_IN)
+        style.write_title(figure, title, 'triangles: starts of the lanes')
+        for index, (name, words) in enumerate(_SCENARIOS.items()):
+            axes = figure.add_axes((index / 3 + 0.005, 0.01, 0.323, 0.83))
+            course = load_course(name)
+            draw_course(axes, course, next(iter(course.lanes.values())))
+            axes.set_title(words, fontsize=style.NORMAL_PT, weight='bold')
+            for lane, colour in zip(
+                course.lanes.values(), (style.RIGHT, style.LEFT), strict=False
+            ):
+                x, y, heading = lane.start
+                marker = (3, 0, math.degrees(heading) - 90)
+                axes.plot(x, y, marker=marker, color=colour, markersize=8, zorder=5)
+        return style.save(figure, path)

@@ -1,0 +1,355 @@
+"""What folders of runs hold: laps, trainings and transfers, found however deep they are.
+
+A folder is known by its `config.yaml` (`run_folder`), a training without one by its checkpoint.
+What cannot be used is not an error: it is named, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+import dataclasses
+import functools
+import json
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from spikelane.dqn_results import first_solved
+from spikelane.run_folder import RunFolder
+from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.dqn_training import Outcome
+from spikelane_controllers.gathering import GatheringParameters
+from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.training import Termination
+from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.weights import find_checkpoint
+from spikelane_sim.contract import TERMINATED_LANE_LOST
+from spikelane_sim.errors import CheckpointError, SpikelaneError
+from spikelane_sim.files import FileError
+from spikelane_sim.parameters import Parameters
+from spikelane_sim.simulator import SimulatorParameters
+
+#: Settings that say what is done, not how: a run is no variant for them.
+_NO_VARIANT = ('course', 'episode.', 'learning', 'checkpoint', 'q_learning.device')
+_RESULTS_FILE = 'results.json'
+
+
+class ReportError(SpikelaneError):
+    """There is nothing to report on."""
+
+    exit_status = 2
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class _Run:
+    """What all runs have.
+
+    Attributes:
+        controller: Name in the controllers' registry.
+        scenario: Of the paper, '1' to '3', or a course file's name.
+        seed: Of the run.
+        setting: How its parameters differ from the paper's, in words; '' where they do not.
+        folder: Where it is.
+        config: What determined it.
+        metrics: What came out.
+    """
+
+    controller: str
+    scenario: str
+    seed: int
+    setting: str
+    folder: Path
+    config: Mapping[str, Any]
+    metrics: Mapping[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Lap(_Run):
+    """An episode driven without learning; `folder` has its trajectory.
+
+    Attributes:
+        lane: Its name.
+    """
+
+    lane: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class TrainingRun(_Run):
+    """A training.
+
+    Attributes:
+        steps: Driven, as the controller's training counts them.
+        terminations: Of its episodes.
+        outcomes: Of the same, of the deep Q-network alone.
+    """
+
+    steps: int
+    terminations: Sequence[Termination]
+    outcomes: Sequence[Outcome]
+
+    @property
+    def last_lane_loss_step(self) -> int:
+        """Step of the last episode that ended with the lane lost, 0 where none did."""
+        lost = [e.step for e in self.terminations if e.reason == TERMINATED_LANE_LOST]
+        return lost[-1] if lost else 0
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether every lane was lapped, or driven to the step limit, after that."""
+        full = {
+            each.lane
+            for each in self.terminations
+            if each.step > self.last_lane_loss_step and each.reason != TERMINATED_LANE_LOST
+        }
+        return full == {each.lane for each in self.terminations} and len(full) > 1
+
+    @property
+    def solved_episode(self) -> int | None:
+        """Number of the first of three episodes in a row, on both lanes, of full length."""
+        index = first_solved(list(self.terminations))
+        return None if index is None else index + 1
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class TransferRun(_Run):
+    """The transfer of a policy to a spiking network."""
+
+
+class LeftOut(NamedTuple):
+    """What is not in the report."""
+
+    what: str
+    why: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Runs:
+    """All that was found."""
+
+    laps: list[Lap] = dataclasses.field(default_factory=list)
+    trainings: list[TrainingRun] = dataclasses.field(default_factory=list)
+    transfers: list[TransferRun] = dataclasses.field(default_factory=list)
+    left_out: list[LeftOut] = dataclasses.field(default_factory=list)
+
+    def __len__(self) -> int:
+        """Return the number of runs that can be used."""
+        return len(self.laps) + len(self.trainings) + len(self.transfers)
+
+
+def collect(paths: Sequence[Path]) -> Runs:
+    """Find all runs in folders and the folders in them.
+
+    Args:
+        paths: Folders of runs, or above them; what is found twice counts once.
+
+    Raises:
+        ReportError: One is no folder, or there is no run in any.
+    """
+    runs = Runs()
+    seen: set[Path] = set()
+    for path in paths:
+        if not path.is_dir():
+            raise ReportError(f'{path}: expected a folder of runs, got none')
+        for folder in _folders(path):
+            if folder.resolve() not in seen:
+                seen.add(folder.resolve())
+                _add(runs, folder)
+    if not runs:
+        why = f' ({runs.left_out[0].what}: {runs.left_out[0].why})' if runs.left_out else ''
+        names = ', '.join(map(str, paths))
+        raise ReportError(f'{names}: expected finished runs, got none{why}')
+    return runs
+
+
+def _folders(path: Path) -> Iterator[Path]:
+    """Yield folders of runs in the order of their names; a run's own folders are not entered."""
+    for name, folders, files in os.walk(path):
+        folder = Path(name)
+        folders.sort()
+        if 'config.yaml' in files or 'checkpoint.safetensors' in files:
+            folders.clear()
+            yield folder
+        elif _RESULTS_FILE in files:
+            yield folder
+
+
+def _add(runs: Runs, folder: Path) -> None:
+    """Add what a folder holds, or why it holds nothing of use."""
+    try:
+        if (folder / 'config.yaml').exists():
+            _add_run(runs, folder)
+        elif (folder / 'checkpoint.safetensors').exists():
+            runs.trainings.append(_training_of_checkpoint(folder))
+        else:
+            runs.left_out.extend(_failed(folder))
+    except (SpikelaneError, KeyError, TypeError, ValueError) as error:
+        why = f'not a run of this version: {error!r}'
+        why = str(error) if isinstance(error, SpikelaneError) else why
+        runs.left_out.append(LeftOut(str(folder), why))
+
+
+def _add_run(runs: Runs, folder: Path) -> None:
+    import yaml
+
+    try:
+        config = yaml.safe_load((folder / 'config.yaml').read_text('utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise FileError(f'config.yaml cannot be read: {error}') from None
+    if not isinstance(config, Mapping):
+        raise FileError('config.yaml: expected names and values')
+    if not (folder / 'metrics.json').exists():
+        raise FileError('not finished: no metrics.json')
+    metrics = RunFolder(folder).read_metrics()
+    if 'training' in config:
+        runs.trainings.append(_training(folder, config, metrics))
+    elif 'transfer' in config:
+        runs.transfers.append(_transfer(folder, config, metrics))
+    elif 'evaluation' in config:
+        runs.laps.extend(_evaluated(folder, config, metrics))
+    elif 'lane' in config:
+        runs.laps.append(_lap(folder, config, metrics, config['lane'], config['seed']))
+    else:
+        raise FileError('config.yaml: expected a lap, an evaluation, a training or a transfer')
+
+
+def _lap(
+    folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any], lane: str, seed: int
+) -> Lap:
+    return Lap(
+        controller=config['controller'],
+        scenario=_scenario(config),
+        seed=seed,
+        setting=_setting(config),
+        folder=folder,
+        config=config,
+        metrics=metrics,
+        lane=lane,
+    )
+
+
+def _evaluated(
+    folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]
+) -> Iterator[Lap]:
+    """Yield an evaluation's laps; each has a folder of its own."""
+    several = len({row['course'] for row in metrics['laps']}) > 1
+    names = sorted(path.parent.name for path in RunFolder(folder).laps.glob('*/metrics.json'))
+    for name in names:
+        path = RunFolder(folder).laps / name
+        row = RunFolder(path).read_metrics()
+        where = {**config, 'scenario': row['course']} if several else config
+        yield _lap(path, where, row, row['lane'], row['seed'])
+
+
+def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TrainingRun:
+    facts = read_checkpoint(folder, config['controller']).facts
+    return TrainingRun(
+        controller=config['controller'],
+        scenario=_scenario(config),
+        seed=config['seed'],
+        setting=_setting(config),
+        folder=folder,
+        config=config,
+        metrics=metrics,
+        steps=facts['steps'],
+        terminations=[Termination(*each) for each in facts['terminations']],
+        outcomes=[Outcome(*each) for each in facts.get('outcomes', ())],
+    )
+
+
+def _training_of_checkpoint(folder: Path) -> TrainingRun:
+    """Return a training of which only its checkpoint was kept."""
+    for name in CONTROLLERS:
+        try:
+            facts = read_checkpoint(folder, name).facts
+        except CheckpointError:
+            continue
+        if 'terminations' in facts:
+            return _training(folder, facts['config'], {})
+    raise CheckpointError("checkpoint.safetensors: expected a training's checkpoint")
+
+
+def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
+    return TransferRun(
+        controller='dqn_snn',
+        scenario=_scenario(config),
+        seed=config['seed'],
+        setting=_setting(config),
+        folder=folder,
+        config=config,
+        metrics=metrics,
+    )
+
+
+def _failed(folder: Path) -> list[LeftOut]:
+    """Return the runs of an experiment that came to nothing."""
+    try:
+        listed = json.loads((folder / _RESULTS_FILE).read_text('utf-8'))['runs']
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileError(f'{_RESULTS_FILE} cannot be read: {error!r}') from None
+    return [
+        LeftOut(f'{folder}: {run["name"]}', run['message'])
+        for run in listed
+        if run['state'] == 'failed'
+    ]
+
+
+def _scenario(config: Mapping[str, Any]) -> str:
+    return Path(str(config['scenario'])).stem.removeprefix('scenario_')
+
+
+def _setting(config: Mapping[str, Any]) -> str:
+    """Say how a run differs from the paper's, the weights it drove with included."""
+    own = _variant(config)
+    parts = [f'{name} {value}' for name, value in own.items()]
+    controller = str(config.get('controller', 'dqn'))
+    values = config.get(controller)
+    weights = values.get('checkpoint') if isinstance(values, Mapping) else None
+    if weights:
+        learnt = _learnt_with(controller, str(weights))
+        if learnt is None:
+            parts.append(f'weights of {weights}')
+        else:
+            other = [f'{name} {value}' for name, value in learnt if own.get(name) != value]
+            parts.extend(['learnt with ' + ', '.join(other)] if other else [])
+    return '; '.join(parts)
+
+
+@functools.lru_cache(maxsize=1000)
+def _learnt_with(controller: str, checkpoint: str) -> tuple[tuple[str, Any], ...] | None:
+    """Return the variant that weights were learnt in, None where they are not there."""
+    try:
+        config = read_checkpoint(find_checkpoint(controller, checkpoint), controller).facts
+        return tuple(_variant(config.get('config', {})).items())
+    except CheckpointError:
+        return None
+
+
+def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters that differ from their defaults, the paper's.
+
+    Parameters that one of both lacks are of another version, and no difference.
+    """
+    found: dict[str, Any] = {}
+    for group, values in config.items():
+        if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
+            for name, value in usual.items():
+                counts = not name.startswith(_NO_VARIANT)
+                if counts and name in values and values[name] != value:
+                    found[name] = values[name]
+    return found
+
+
+@functools.lru_cache(maxsize=20)
+def _defaults(group: str) -> dict[str, Any] | None:
+    """Return the defaults of a group of parameters as YAML gives them, None for no such group."""
+    others: dict[str, type[Parameters]] = {
+        'simulator': SimulatorParameters,
+        'gathering': GatheringParameters,
+        'transfer': TransferParameters,
+    }
+    cls = controller_class(group).parameters_class if group in CONTROLLERS else others.get(group)
+    if cls is None:
+        return None
+    plain: dict[str, Any] = json.loads(json.dumps(cls().to_dict(), default=list))
+    return plain

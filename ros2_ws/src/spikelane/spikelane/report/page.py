@@ -1,0 +1,113 @@
+"""The report itself: one HTML file that holds everything, with its figures beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import shlex
+from typing import Any
+
+from spikelane.report.collect import collect, LeftOut, Runs
+from spikelane.report.figures import draw_figures, Drawn, Show
+from spikelane.report.tables import all_tables, Table
+from spikelane_sim.files import write_json, write_text_atomically
+
+PAGE = 'report.html'
+
+_TEMPLATE = 'page.html'
+_KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
+
+
+def write_report(paths: Sequence[Path], out: Path, show: Show) -> dict[str, Any]:
+    """Write a report on all runs in some folders.
+
+    Args:
+        paths: Folders of runs, or above them.
+        out: Folder of the report: `report.html`, `report.json` with its tables, `figures/`.
+        show: Told what is being done.
+
+    Returns:
+        Where everything is, ready for JSON: `page`, `runs` (how many), `tables` (as written into
+        `report.json`), `figures` and `left_out`.
+
+    Raises:
+        ReportError: There is nothing to report on.
+        FileError: A file cannot be written.
+    """
+    show('reading')
+    runs = collect(paths)
+    tables = all_tables(runs)
+    figures, not_drawn = draw_figures(runs, out / 'figures', show)
+    left_out = [*runs.left_out, *not_drawn]
+    command = shlex.join(['./spikelane', 'report', *map(str, paths)])
+    write_text_atomically(out / PAGE, _page(runs, tables, figures, left_out, command))
+    result = {
+        'page': str(out / PAGE),
+        'runs': len(runs),
+        'tables': [table._asdict() for table in tables],
+        'figures': [str(file) for figure in figures for file in figure.files],
+        'left_out': [each._asdict() for each in left_out],
+    }
+    write_json(out / 'report.json', result)
+    return result
+
+
+def _page(
+    runs: Runs,
+    tables: Sequence[Table],
+    figures: Sequence[Drawn],
+    left_out: Sequence[LeftOut],
+    command: str,
+) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    parts: dict[str, list[dict[str, str | None]]] = {}
+    for figure in figures:
+        parts.setdefault(figure.heading, []).append(_embedded(figure))
+    return environment.get_template(_TEMPLATE).render(
+        runs=runs,
+        tables=tables,
+        parts=parts,
+        left_out=left_out,
+        command=command,
+        versions=_versions(runs),
+    )
+
+
+def _embedded(figure: Drawn) -> dict[str, str | None]:
+    """Return a figure for the page, in the smallest of its files, and a still of an animation."""
+    file = min(figure.files, key=lambda each: each.stat().st_size)
+    still = file.with_suffix('.png') if file.suffix == '.webp' else None
+    return {
+        'caption': figure.caption,
+        'name': file.stem,
+        'source': _data(file),
+        'still': None if still is None else _data(still),
+    }
+
+
+def _data(file: Path) -> str:
+    content = base64.b64encode(file.read_bytes()).decode('ascii')
+    return f'data:{_KINDS[file.suffix]};base64,{content}'
+
+
+def _versions(runs: Runs) -> list[str]:
+    """Return the versions that the runs were made with, each set once."""
+    found = []
+    for run in (*runs.laps, *runs.trainings, *runs.transfers):
+        versions = run.config.get('versions')
+        if isinstance(versions, dict):
+            found.append(json.dumps({name: v for name, v in versions.items() if v}))
+    return [
+        ', '.join(f'{name} {version}' for name, version in json.loads(each).items())
+        for each in dict.fromkeys(found)
+    ]

@@ -1,0 +1,266 @@
+"""The report's tables: results against the paper's, and every lap and training over its seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from spikelane.report.collect import Lap, Runs, TrainingRun
+from spikelane.report.paper import paper_value
+from spikelane.statistics import mean_statistics, share_statistics
+from spikelane_sim.contract import STEP_S
+
+#: Order of the controllers, the paper's.
+ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
+NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
+
+_NOTHING = '—'
+
+#: The lane on which the paper compares controllers.
+PAPER_LANE = 'outer'
+
+
+class Measure(NamedTuple):
+    """What can be compared with the paper.
+
+    Attributes:
+        words: What it is.
+        show: Writes a value of it.
+    """
+
+    words: str
+    show: Callable[[float], str]
+
+
+def _count(value: float) -> str:
+    return f'{value:,.0f}'
+
+
+def _metres(value: float) -> str:
+    return f'{value:.4f} m'
+
+
+def _percent(value: float) -> str:
+    return f'{100 * value:.2f} %'
+
+
+MEASURES = {
+    'last_lane_loss_step': Measure('step of the last lane loss of those that settled', _count),
+    'solved_episode': Measure('first of three full episodes in a row', _count),
+    'accuracy': Measure("accuracy on the policy's states", _percent),
+    'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', _metres),
+    'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', _count),
+}
+
+
+class Table(NamedTuple):
+    """A table of texts.
+
+    Attributes:
+        title: Above it.
+        note: Below it, '' for none.
+        header: Names of the columns.
+        rows: The cells.
+    """
+
+    title: str
+    note: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+class Key(NamedTuple):
+    """What runs that differ in nothing but the seed have in common."""
+
+    controller: str
+    scenario: str
+    setting: str
+
+    @property
+    def words(self) -> str:
+        """All of it in words."""
+        setting = f' ({self.setting})' if self.setting else ''
+        return f'{NAMES[self.controller]}, scenario {self.scenario}{setting}'
+
+
+R = TypeVar('R', bound=Any)
+
+
+def by_key(runs: Iterable[R]) -> dict[Key, list[R]]:
+    """Group runs that differ in nothing but the seed; scenario by scenario, the paper's order."""
+    groups: dict[Key, list[R]] = {}
+    for run in runs:
+        groups.setdefault(Key(run.controller, run.scenario, run.setting), []).append(run)
+    in_order = sorted(
+        groups, key=lambda key: (key.scenario, ORDER.index(key.controller), key.setting)
+    )
+    return {key: sorted(groups[key], key=lambda run: run.seed) for key in in_order}
+
+
+def all_tables(runs: Runs) -> list[Table]:
+    """Return the tables that these runs have something to say in."""
+    tables = (_against_paper(runs), _of_laps(runs.laps), _of_trainings(runs.trainings))
+    return [table for table in tables if table.rows]
+
+
+def _against_paper(runs: Runs) -> Table:
+    rows = []
+    for measure, of_kind in _values(runs).items():
+        for key, values in of_kind.items():
+            rows.append(_row_against_paper(measure, key, values))
+    return Table(
+        "Results against the paper's",
+        'Mean ± standard deviation over the runs that had one, with the 95 % confidence interval '
+        "(Student's t) from two on; median and range. A step is 50 ms. Setting: what differs from "
+        "the paper's parameters. The paper's accuracy is on the states trained with, the one here "
+        'on states held out.',
+        ('measure', 'controller', 'scenario', 'setting', 'paper', 'here', 'median (range)')
+        + ('runs', 'seeds', "in the paper's"),
+        rows,
+    )
+
+
+def _values(runs: Runs) -> dict[str, dict[Key, list[tuple[int, float | None]]]]:
+    """Return seed and value of each run that could have one, by measure and group."""
+    laps = by_key(lap for lap in runs.laps if lap.lane == PAPER_LANE)
+    trainings, transfers = by_key(runs.trainings), by_key(runs.transfers)
+    plastic = {key: each for key, each in trainings.items() if key.controller == 'rstdp'}
+    deep = {key: each for key, each in trainings.items() if key.controller == 'dqn'}
+    return {
+        'mean_abs_distance_m': _of(laps, lambda lap: _if_completed(lap, 'mean_abs_distance_m')),
+        'lap_steps': _of(laps, lap_steps),
+        'last_lane_loss_step': _of(plastic, _if_settled),
+        'solved_episode': _of(deep, lambda run: run.solved_episode),
+        'accuracy': _of(transfers, lambda run: float(run.metrics['accuracy'])),
+    }
+
+
+def _of(
+    groups: dict[Key, list[R]], value: Callable[[R], float | None]
+) -> dict[Key, list[tuple[int, float | None]]]:
+    return {key: [(run.seed, value(run)) for run in each] for key, each in groups.items()}
+
+
+def _row_against_paper(
+    measure: str, key: Key, values: Sequence[tuple[int, float | None]]
+) -> tuple[str, ...]:
+    words, show = MEASURES[measure]
+    found = [value for _, value in values if value is not None]
+    paper = paper_value(key.controller, key.scenario, measure)
+    return (
+        words,
+        NAMES[key.controller],
+        key.scenario,
+        key.setting or "the paper's",
+        paper.words if paper else _NOTHING,
+        _mean(found, show),
+        _median(found, show),
+        f'{len(found)} of {len(values)}',
+        seeds_in_words([seed for seed, _ in values]),
+        paper.place if paper else _NOTHING,
+    )
+
+
+def _of_laps(laps: Sequence[Lap]) -> Table:
+    rows = []
+    for key, group in by_key(laps).items():
+        for lane in dict.fromkeys(lap.lane for lap in group):
+            rows.append(_row_of_laps(key, lane, [lap for lap in group if lap.lane == lane]))
+    return Table(
+        'Laps',
+        'Errors are over completed laps. Mean deviation: right of the centre is positive. '
+        "Completed: with the 95 % confidence interval of the share (Wilson's).",
+        ('controller', 'scenario', 'setting', 'lane', 'completed', 'mean error')
+        + ('median (range)', 'mean deviation', 'largest error', 'steps of a lap', 'seeds'),
+        rows,
+    )
+
+
+def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
+    done = [lap for lap in laps if lap.metrics['completed']]
+    share = share_statistics(len(done), len(laps))
+    errors = [lap.metrics['mean_abs_distance_m'] for lap in done]
+    return (
+        NAMES[key.controller],
+        key.scenario,
+        key.setting or "the paper's",
+        lane,
+        f'{len(done)} of {len(laps)} ({share["ci_low"]:.0%} to {share["ci_high"]:.0%})',
+        _mean(errors, _metres),
+        _median(errors, _metres),
+        _mean([lap.metrics['mean_distance_m'] for lap in done], _metres),
+        _metres(max(lap.metrics['max_abs_distance_m'] for lap in done)) if done else _NOTHING,
+        _mean([steps for lap in done if (steps := lap_steps(lap)) is not None], _count),
+        seeds_in_words([lap.seed for lap in laps]),
+    )
+
+
+def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
+    rows = [_row_of_trainings(key, group) for key, group in by_key(trainings).items()]
+    return Table(
+        'Trainings',
+        "Steps are of 50 ms with R-STDP, of one action (0.5 s) with DQN, as in the paper's "
+        'figures. Last lane loss: median and range; settled: with a lap of each lane after it.',
+        ('controller', 'scenario', 'setting', 'steps', 'episodes', 'last lane loss', 'settled')
+        + ('seeds',),
+        rows,
+    )
+
+
+def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
+    return (
+        NAMES[key.controller],
+        key.scenario,
+        key.setting or "the paper's",
+        _median([run.steps for run in runs], _count),
+        _median([len(run.terminations) for run in runs], _count),
+        _median([run.last_lane_loss_step for run in runs], _count),
+        f'{sum(run.has_settled for run in runs)} of {len(runs)}',
+        seeds_in_words([run.seed for run in runs]),
+    )
+
+
+def lap_steps(lap: Lap) -> float | None:
+    """Return the steps of a drive's first lap, None where it was not completed."""
+    time_s = lap.metrics['lap_time_s']
+    return None if time_s is None else float(round(time_s / STEP_S))
+
+
+def seeds_in_words(seeds: Sequence[int]) -> str:
+    """Return seeds in order, those in a row as a range: '0 to 2, 7'."""
+    ordered = sorted(set(seeds))
+    runs: list[list[int]] = []
+    for seed in ordered:
+        if runs and seed == runs[-1][-1] + 1:
+            runs[-1].append(seed)
+        else:
+            runs.append([seed])
+    return ', '.join(str(run[0]) if len(run) == 1 else f'{run[0]} to {run[-1]}' for run in runs)
+
+
+def _if_completed(lap: Lap, name: str) -> float | None:
+    return float(lap.metrics[name]) if lap.metrics['completed'] else None
+
+
+def _if_settled(run: TrainingRun) -> float | None:
+    return float(run.last_lane_loss_step) if run.has_settled else None
+
+
+def _mean(values: Sequence[float], show: Callable[[float], str]) -> str:
+    """Return mean, standard deviation and interval, as far as there are values."""
+    found = mean_statistics(values)
+    if found is None:
+        return 'none'
+    mean, std, low, high = (found[name] for name in ('mean', 'std', 'ci_low', 'ci_high'))
+    assert mean is not None  # of one value or more
+    if std is None or low is None or high is None:
+        return show(mean)
+    return f'{show(mean)} ± {show(std)} ({show(low)} to {show(high)})'
+
+
+def _median(values: Sequence[float], show: Callable[[float], str]) -> str:
+    found = mean_statistics(values)
+    if found is None:
+        return _NOTHING
+    median, low, high = (float(found[name] or 0) for name in ('median', 'min', 'max'))
+    return show(median) if low == high else f'{show(median)} ({show(low)} to {show(high)})'
