@@ -201,6 +201,8 @@ def _add_run(runs: Runs, folder: Path) -> None:
     if not (folder / 'metrics.json').exists():
         raise FileError('not finished: no metrics.json')
     metrics = RunFolder(folder).read_metrics()
+    if 'transfer' not in config:
+        controller_class(str(config.get('controller')))  # that there is one
     if 'training' in config:
         runs.trainings.append(_training(folder, config, metrics))
     elif 'transfer' in config:

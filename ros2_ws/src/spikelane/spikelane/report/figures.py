@@ -14,7 +14,7 @@ from typing import Any, cast, NamedTuple
 
 from spikelane.figures import style
 from spikelane.report.collect import Lap, LeftOut, Runs, TrainingRun
-from spikelane.report.tables import by_key, Key, NAMES, ORDER, PAPER_LANE
+from spikelane.report.tables import by_key, Key, ORDER, PAPER_LANE, shown_name
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.registry import training_class
@@ -24,6 +24,8 @@ from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.encoding import EncodingParameters, StateImageParameters
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import FileError
+from spikelane_sim.task import DecisionParameters
 
 #: Drives in one comparison; more cannot be told apart.
 _MOST_DRIVES = 8
@@ -67,8 +69,12 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
         show(each.name)
         try:
             drawn.append(Drawn(each.heading, each.caption, each.draw()))
+        except FileError:
+            raise  # no figure could be written then
         except SpikelaneError as error:
             left_out.append(LeftOut(each.caption, str(error)))
+        except KeyError as error:
+            left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
     return drawn, left_out + list(_missing(runs))
 
 
@@ -236,12 +242,12 @@ def _missing(runs: Runs) -> Iterator[LeftOut]:
     for scenario in ('1', '2', '3'):
         for controller in ('dqn', 'rstdp'):
             if (controller, scenario) not in trained:
-                what = f'{NAMES[controller]} training, scenario {scenario}'
+                what = f'{shown_name(controller)} training, scenario {scenario}'
                 yield LeftOut(what, 'no run among these')
     for scenario, controllers in (('1', ORDER), ('2', ('dqn', 'dqn_snn', 'rstdp')), ('3', ORDER)):
         for controller in controllers if scenario != '3' else ('rstdp',):
             if (controller, scenario) not in driven:
-                what = f'{NAMES[controller]} lap, scenario {scenario}, {PAPER_LANE} lane'
+                what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
                 yield LeftOut(what, 'no run among these')
     if not runs.laps:
         yield LeftOut('State input and animation of a lap', 'no lap among these runs')
@@ -296,7 +302,8 @@ def _first_lap_step(run: TrainingRun) -> float | None:
         return next((float(step) for step in laps), None)
     course, values = _course(run), run.config['dqn']
     radius_m = run.config['simulator']['robot.wheel_radius_m']
-    per_step_m = values['decision.drive_rad_s'] * radius_m * STEP_S
+    drive_rad_s = values.get('decision.drive_rad_s', DecisionParameters().drive_rad_s)
+    per_step_m = drive_rad_s * radius_m * STEP_S
     driven = 0
     for episode in run.terminations:
         needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
@@ -333,7 +340,7 @@ def _encoding(run: TrainingRun) -> EncodingParameters:
 
 
 def _title(run: Lap | TrainingRun) -> str:
-    return f'{NAMES[run.controller]}, scenario {run.scenario}, seed {run.seed}'
+    return f'{shown_name(run.controller)}, scenario {run.scenario}, seed {run.seed}'
 
 
 def _words(lap: Lap) -> str:
@@ -343,7 +350,9 @@ def _words(lap: Lap) -> str:
 def _short(key: Key, most: int = 60) -> str:
     """Return a group in words that fit beside a figure."""
     setting = key.setting if len(key.setting) <= most else key.setting[:most] + ' ...'
-    return f'{NAMES[key.controller]}, {key.scenario}' + (f'\n{setting}' if setting else '')
+    return f'{shown_name(key.controller)}, scenario {key.scenario}' + (
+        f'\n{setting}' if setting else ''
+    )
 
 
 def _file_name(key: Key) -> str:

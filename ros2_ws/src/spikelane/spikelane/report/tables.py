@@ -12,7 +12,7 @@ from spikelane_sim.contract import STEP_S
 
 #: Order of the controllers, the paper's.
 ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
-NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
+_NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
 
 _NOTHING = '—'
 
@@ -80,7 +80,18 @@ class Key(NamedTuple):
     def words(self) -> str:
         """All of it in words."""
         setting = f' ({self.setting})' if self.setting else ''
-        return f'{NAMES[self.controller]}, scenario {self.scenario}{setting}'
+        return f'{shown_name(self.controller)}, scenario {self.scenario}{setting}'
+
+
+def shown_name(controller: str) -> str:
+    """Return how the paper writes a controller's name, or the name where it has no such one."""
+    return _NAMES.get(controller, controller)
+
+
+def _place(key: Key) -> tuple[str, int, str, str]:
+    """Return what groups are sorted by."""
+    known = ORDER.index(key.controller) if key.controller in ORDER else len(ORDER)
+    return key.scenario, known, key.controller, key.setting
 
 
 R = TypeVar('R', bound=Any)
@@ -91,10 +102,9 @@ def by_key(runs: Iterable[R]) -> dict[Key, list[R]]:
     groups: dict[Key, list[R]] = {}
     for run in runs:
         groups.setdefault(Key(run.controller, run.scenario, run.setting), []).append(run)
-    in_order = sorted(
-        groups, key=lambda key: (key.scenario, ORDER.index(key.controller), key.setting)
-    )
-    return {key: sorted(groups[key], key=lambda run: run.seed) for key in in_order}
+    return {
+        key: sorted(groups[key], key=lambda run: run.seed) for key in sorted(groups, key=_place)
+    }
 
 
 def all_tables(runs: Runs) -> list[Table]:
@@ -149,7 +159,7 @@ def _row_against_paper(
     paper = paper_value(key.controller, key.scenario, measure)
     return (
         words,
-        NAMES[key.controller],
+        shown_name(key.controller),
         key.scenario,
         key.setting or "the paper's",
         paper.words if paper else _NOTHING,
@@ -181,7 +191,7 @@ def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
     share = share_statistics(len(done), len(laps))
     errors = [lap.metrics['mean_abs_distance_m'] for lap in done]
     return (
-        NAMES[key.controller],
+        shown_name(key.controller),
         key.scenario,
         key.setting or "the paper's",
         lane,
@@ -209,7 +219,7 @@ def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
 
 def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
     return (
-        NAMES[key.controller],
+        shown_name(key.controller),
         key.scenario,
         key.setting or "the paper's",
         _median([run.steps for run in runs], _count),

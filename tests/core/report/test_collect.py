@@ -1,0 +1,136 @@
+"""What is found in folders of runs, and what is said of the rest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from spikelane.report.collect import collect, LeftOut, ReportError
+from spikelane_controllers.checkpoint import write_checkpoint
+
+METRICS = {'completed': True, 'mean_abs_distance_m': 0.02}
+
+
+def write_lap(folder: Path, **others: Any) -> Path:
+    """Write what a report needs of a lap's folder; others than the usual values by name."""
+    config = {'scenario': '1', 'controller': 'braitenberg', 'seed': 4, 'lane': 'outer', **others}
+    folder.mkdir(parents=True)
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config, sort_keys=False))
+    (folder / 'metrics.json').write_text(json.dumps(METRICS))
+    return folder
+
+
+def write_training(folder: Path, seed: int, ends: list[list[Any]], **config: Any) -> Path:
+    """Write the checkpoint of a training of R-STDP, and nothing else."""
+    folder.mkdir(parents=True)
+    facts = {
+        'config': {'scenario': '2', 'controller': 'rstdp', 'seed': seed, **config},
+        'steps': 9000,
+        'terminations': ends,
+    }
+    write_checkpoint(folder / 'checkpoint.safetensors', 'rstdp', {'a': np.zeros(2)}, facts)
+    return folder
+
+
+def test_runs_are_found_however_deep_and_once(tmp_path: Path) -> None:
+    """In the order of their names, whatever folders they are asked for in."""
+    write_lap(tmp_path / 'b/c/lap')
+    write_lap(tmp_path / 'a', seed=5)
+    found = collect([tmp_path, tmp_path / 'b'])
+    assert [(lap.seed, lap.folder) for lap in found.laps] == [
+        (5, tmp_path / 'a'),
+        (4, tmp_path / 'b/c/lap'),
+    ]
+    assert len(found) == 2
+    assert found.left_out == []
+
+
+def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
+    """Not where, how long and with which weights file; and nothing that this version lacks."""
+    simulator = {
+        'course': 'scenario_1',
+        'episode.max_laps': 3,
+        'robot.model': 'kinematic',
+        'camera.antialias': True,
+        'camera.pitch_deg': 30.0,
+        'of.another_version': 1,
+    }
+    write_lap(tmp_path / 'lap', simulator=simulator, braitenberg={'poisson.max_rate_hz': 400.0})
+    [lap] = collect([tmp_path]).laps
+    assert lap.setting == 'robot.model kinematic; camera.antialias True; poisson.max_rate_hz 400.0'
+
+
+def test_weights_learnt_otherwise_are_another_setting(tmp_path: Path) -> None:
+    """Laps with them are not laid together with the others."""
+    weights = write_training(tmp_path / 'training', 0, [], rstdp={'c_r': 0.03})
+    learnt = {'controller': 'rstdp', 'rstdp': {'c_r': 0.01, 'checkpoint': str(weights)}}
+    write_lap(tmp_path / 'lap', **learnt)
+    write_lap(tmp_path / 'moved', controller='rstdp', rstdp={'checkpoint': '/nowhere'})
+    settings = [lap.setting for lap in collect([tmp_path]).laps]
+    assert settings == ['learnt with c_r 0.03', 'weights of /nowhere']
+
+
+def test_a_training_is_read_from_its_checkpoint_alone(tmp_path: Path) -> None:
+    """It has settled if both lanes were lapped after the last was lost."""
+    lost = [4000, 1, 'outer', 'B', 6.0, 0.21, 4000, 'lane_lost']
+    laps = [
+        [6000, 2, 'inner', 'C', 0.4, 0.0, 2000, 'laps_complete'],
+        [8500, 3, 'outer', 'A', 0.5, 0.0, 2500, 'laps_complete'],
+    ]
+    write_training(tmp_path / '0', 0, [lost, *laps])
+    write_training(tmp_path / '1', 1, [laps[0], lost, laps[1]])
+    settled, unsettled = collect([tmp_path]).trainings
+    assert (settled.scenario, settled.seed, settled.steps) == ('2', 0, 9000)
+    assert (settled.last_lane_loss_step, settled.has_settled) == (4000, True)
+    assert [end.lane for end in settled.terminations] == ['outer', 'inner', 'outer']
+    assert unsettled.has_settled is True  # its inner lap ended at step 6000, after 4000
+    one_lane = write_training(tmp_path / '2', 2, [laps[0], [*[7000], *lost[1:]], laps[1]])
+    [half] = collect([one_lane]).trainings
+    assert (half.last_lane_loss_step, half.has_settled) == (7000, False)
+
+
+def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None:
+    """In a row, on both lanes: here those from the second episode on."""
+    names = ['lane_lost', 'step_limit', 'step_limit', 'step_limit', 'lane_lost']
+    ends = [
+        [1000 * n, n, ('inner', 'outer')[n % 2], 'A', 1.0, 0.0, 1000, reason]
+        for n, reason in enumerate(names, 1)
+    ]
+    [run] = collect([write_training(tmp_path / '0', 0, ends)]).trainings
+    assert run.solved_episode == 2
+    [never] = collect([write_training(tmp_path / '1', 0, ends[:3])]).trainings
+    assert never.solved_episode is None
+
+
+def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
+    """Unfinished, damaged and failed runs; those beside them are used."""
+    write_lap(tmp_path / 'a')
+    (write_lap(tmp_path / 'b') / 'metrics.json').unlink()
+    (write_lap(tmp_path / 'c') / 'config.yaml').write_text('[')
+    write_lap(tmp_path / 'd', controller='fly')
+    (tmp_path / 'results.json').write_text(
+        json.dumps({'runs': [{'name': 'x', 'state': 'failed', 'message': 'no such course'}]})
+    )
+    found = collect([tmp_path])
+    assert [lap.folder for lap in found.laps] == [tmp_path / 'a']
+    assert LeftOut(f'{tmp_path}: x', 'no such course') in found.left_out
+    assert LeftOut(str(tmp_path / 'b'), 'not finished: no metrics.json') in found.left_out
+    assert [each.what for each in found.left_out] == [
+        f'{tmp_path}: x',
+        str(tmp_path / 'b'),
+        str(tmp_path / 'c'),
+        str(tmp_path / 'd'),
+    ]
+
+
+def test_nothing_to_report_on_is_wrong_use(tmp_path: Path) -> None:
+    """No such folder, or no run in it."""
+    with pytest.raises(ReportError, match=r'none: expected a folder of runs, got none'):
+        collect([tmp_path / 'none'])
+    with pytest.raises(ReportError, match='expected finished runs, got none'):
+        collect([tmp_path])

@@ -1,0 +1,157 @@
+"""The report's tables, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
+from spikelane.report.paper import paper_value, VALUES
+from spikelane.report.tables import all_tables, MEASURES, seeds_in_words, Table
+from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.training import Termination
+
+
+def run_of(cls: Any, controller: str, seed: int, **others: Any) -> Any:
+    """Make a run in scenario 1 with the paper's setting."""
+    values = {'setting': '', 'folder': Path('x'), 'config': {}, 'metrics': {}, **others}
+    return cls(controller=controller, scenario='1', seed=seed, **values)
+
+
+def lap(seed: int, error_m: float, completed: bool = True, lane: str = 'outer') -> Lap:
+    """Make a lap of DQN."""
+    metrics = {
+        'completed': completed,
+        'mean_abs_distance_m': error_m,
+        'mean_distance_m': -error_m / 2,
+        'max_abs_distance_m': 3 * error_m,
+        'lap_time_s': 200.0 + seed if completed else None,
+    }
+    found: Lap = run_of(Lap, 'dqn', seed, metrics=metrics, lane=lane)
+    return found
+
+
+def training(seed: int, last: int, settled: bool) -> TrainingRun:
+    """Make a training of R-STDP that lost its lane last at a step."""
+    ends = [Termination(last, 1, 'outer', 'B', 6.0, 0.2, last, 'lane_lost')]
+    for episode, lane in enumerate(('inner', 'outer') if settled else ('inner',), 2):
+        step = last + 4000 * episode
+        ends.append(Termination(step, episode, lane, 'A', 0.5, 0.0, 4000, 'laps_complete'))
+    found: TrainingRun = run_of(
+        TrainingRun, 'rstdp', seed, steps=30_000, terminations=ends, outcomes=[]
+    )
+    return found
+
+
+def table(runs: Runs, title: str) -> Table:
+    """Return the table of a title."""
+    return next(each for each in all_tables(runs) if each.title == title)
+
+
+def test_results_stand_beside_the_papers() -> None:
+    """Mean 0.04, s = 0.01; the interval's half is 4.302653 * 0.01 / sqrt(3) = 0.02484."""
+    runs = Runs(laps=[lap(2, 0.05), lap(0, 0.03), lap(1, 0.04), lap(3, 0.9, completed=False)])
+    error, steps = table(runs, "Results against the paper's").rows
+    assert error == (
+        'mean error, outer lane',
+        'DQN',
+        '1',
+        "the paper's",
+        '0.041 m',
+        '0.0400 m ± 0.0100 m (0.0152 m to 0.0648 m)',
+        '0.0400 m (0.0300 m to 0.0500 m)',
+        '3 of 4',
+        '0 to 3',
+        'section 6',
+    )
+    # Laps of 200, 201 and 202 s are 4,000, 4,020 and 4,040 steps of 50 ms.
+    assert steps[4:8] == (
+        'about 5,000',
+        '4,020 ± 20 (3,970 to 4,070)',
+        '4,020 (4,000 to 4,040)',
+        '3 of 4',
+    )
+
+
+def test_the_other_lane_is_not_compared_with_the_paper() -> None:
+    """Which has the outer lane alone."""
+    runs = Runs(laps=[lap(0, 0.03, lane='inner')])
+    assert [each.title for each in all_tables(runs)] == ['Laps']
+    [row] = table(runs, 'Laps').rows
+    assert row == (
+        'DQN',
+        '1',
+        "the paper's",
+        'inner',
+        '1 of 1 (21% to 100%)',
+        '0.0300 m',
+        '0.0300 m',
+        '-0.0150 m',
+        '0.0900 m',
+        '4,000',
+        '0',
+    )
+
+
+def test_a_group_without_a_completed_lap_has_no_error() -> None:
+    """Rather than that of the stretch before the lane was lost."""
+    runs = Runs(laps=[lap(0, 0.3, completed=False)])
+    assert [row[5] for row in table(runs, "Results against the paper's").rows] == ['none'] * 2
+    [row] = table(runs, 'Laps').rows
+    assert row[4] == '0 of 1 (0% to 79%)'
+    assert row[5:10] == ('none', '—', 'none', '—', 'none')
+
+
+def test_trainings_that_have_not_settled_are_counted_out() -> None:
+    """Their last lane loss is only the last one so far."""
+    runs = Runs(
+        trainings=[training(0, 8000, True), training(1, 9000, True), training(2, 1, False)]
+    )
+    [row] = table(runs, "Results against the paper's").rows
+    assert row[0] == 'step of the last lane loss of those that settled'
+    assert row[4:9] == (
+        'about 10,000',
+        '8,500 ± 707 (2,147 to 14,853)',  # 12.7062 * 707.1 / sqrt(2) = 6,353
+        '8,500 (8,000 to 9,000)',
+        '2 of 3',
+        '0 to 2',
+    )
+    [row] = table(runs, 'Trainings').rows
+    assert row[3:] == ('30,000', '3 (2 to 3)', '8,000 (1 to 9,000)', '2 of 3', '0 to 2')
+
+
+def test_settings_are_not_laid_together() -> None:
+    """Each has a row of its own."""
+    other = run_of(TransferRun, 'dqn_snn', 1, metrics={'accuracy': 0.9}, setting='steps 20000')
+    usual = run_of(TransferRun, 'dqn_snn', 1, metrics={'accuracy': 0.935})
+    rows = table(Runs(transfers=[other, usual]), "Results against the paper's").rows
+    assert [row[3:6] for row in rows] == [
+        ("the paper's", '93.05 %', '93.50 %'),
+        ('steps 20000', '93.05 %', '90.00 %'),
+    ]
+
+
+@pytest.mark.parametrize(
+    ('seeds', 'words'),
+    [([3], '3'), ([2, 0, 1], '0 to 2'), ([0, 7, 1, 9], '0 to 1, 7, 9'), ([4, 4], '4')],
+)
+def test_seeds_are_told_in_few_words(seeds: list[int], words: str) -> None:
+    """Those in a row as a range."""
+    assert seeds_in_words(seeds) == words
+
+
+def test_the_papers_values_are_of_what_is_measured() -> None:
+    """Each stands once, and has its place in the paper."""
+    keys = [each[:3] for each in VALUES]
+    assert len(set(keys)) == len(keys)
+    for each in VALUES:
+        assert each.controller in CONTROLLERS
+        assert each.scenario in ('1', '2', '3')
+        assert each.measure in MEASURES
+        assert each.place
+    accuracy = paper_value('dqn_snn', '2', 'accuracy')
+    assert accuracy is not None
+    assert accuracy.value == 0.9171
+    assert paper_value('braitenberg', '2', 'accuracy') is None
