@@ -18,8 +18,8 @@ from spikelane_sim.course import Course
 
 _WIDTH_IN = 10.6
 _ROW_IN = 2.6
-_ABOVE_IN, _BELOW_IN, _GAP_IN = 0.85, 0.5, 0.95
-_NAME_IN = 0.52  # of a row's name, above its axes
+_ABOVE_IN, _BELOW_IN, _GAP_IN = 1.05, 0.5, 0.95
+_NAME_IN = 0.5  # of a row's name, above its axes
 
 
 def draw_comparison(

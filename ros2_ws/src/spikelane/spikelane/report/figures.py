@@ -11,6 +11,7 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast, NamedTuple
+import zlib
 
 from spikelane.figures import style
 from spikelane.report.collect import Lap, LeftOut, Runs, TrainingRun
@@ -29,6 +30,9 @@ from spikelane_sim.task import DecisionParameters
 
 #: Drives in one comparison; more cannot be told apart.
 _MOST_DRIVES = 8
+
+#: Letters of a setting that there is room for.
+_ROW_LETTERS, _BAR_LETTERS, _FILE_LETTERS = 100, 40, 60
 
 
 class Drawn(NamedTuple):
@@ -200,13 +204,16 @@ def _comparisons(chosen: Mapping[Key, Lap], folder: Path) -> Iterator[_Figure]:
         name = f'deviation_scenario_{_plain(scenario)}'
 
         def draw(laps: Sequence[Lap] = laps, name: str = name) -> tuple[Path, ...]:
-            drives = {_words(lap): first_lap_of(lap) for lap in laps}
+            labels = _distinct([_label(lap) for lap in laps])
+            drives = {label: first_lap_of(lap) for label, lap in zip(labels, laps, strict=True)}
             return draw_comparison(
                 drives, _course(laps[0]), folder / name, f'Scenario {laps[0].scenario}'
             )
 
         lanes = ', '.join(dict.fromkeys(f'{lap.lane} lane' for lap in laps))
-        caption = f'Deviation over a lap, scenario {scenario}, {lanes}; of each the median seed'
+        caption = (
+            f'Deviation over the first lap, scenario {scenario}, {lanes}; of each the median seed'
+        )
         yield _Figure('Laps', name, caption, draw)
 
 
@@ -221,13 +228,15 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
     from spikelane.figures.training_time import draw_training_time, TrainingTimes
 
     def draw() -> tuple[Path, ...]:
+        by_group = by_key(trainings)
+        labels = _distinct([_short(key) for key in by_group])
         groups = {
-            _short(key): TrainingTimes(
+            label: TrainingTimes(
                 [_first_lap_step(run) for run in group],
                 [_stable_step(run) for run in group],
                 style.RIGHT if key.controller == 'rstdp' else style.LEFT,
             )
-            for key, group in by_key(trainings).items()
+            for label, (key, group) in zip(labels, by_group.items(), strict=True)
         }
         return draw_training_time(groups, folder / 'training_time', 'Training time')
 
@@ -344,20 +353,39 @@ def _title(run: Lap | TrainingRun) -> str:
 
 
 def _words(lap: Lap) -> str:
-    return _short(Key(lap.controller, lap.scenario, lap.setting))
+    return Key(lap.controller, lap.scenario, lap.setting).words
 
 
-def _short(key: Key, most: int = 60) -> str:
-    """Return a group in words that fit beside a figure."""
-    setting = key.setting if len(key.setting) <= most else key.setting[:most] + ' ...'
-    return f'{shown_name(key.controller)}, scenario {key.scenario}' + (
-        f'\n{setting}' if setting else ''
-    )
+def _label(lap: Lap) -> str:
+    """Return what drove, in words that fit above its row of a figure."""
+    name = shown_name(lap.controller)
+    return f'{name} ({_cut(lap.setting, _ROW_LETTERS)})' if lap.setting else name
+
+
+def _short(key: Key) -> str:
+    """Return a group in words that fit beside its bar in a figure."""
+    name = f'{shown_name(key.controller)}, scenario {key.scenario}'
+    return f'{name}\n{_cut(key.setting, _BAR_LETTERS)}' if key.setting else name
+
+
+def _cut(text: str, letters: int) -> str:
+    return text if len(text) <= letters else text[: letters - 4] + ' ...'
+
+
+def _distinct(labels: Sequence[str]) -> list[str]:
+    """Return labels with a number where the same came before."""
+    return [
+        label if (before := labels[:index].count(label)) == 0 else f'{label} ({before + 1})'
+        for index, label in enumerate(labels)
+    ]
 
 
 def _file_name(key: Key) -> str:
     name = f'scenario_{_plain(key.scenario)}'
-    return f'{name}_{_plain(key.setting)[:60]}' if key.setting else name
+    setting = _plain(key.setting)
+    if len(setting) > _FILE_LETTERS:  # what is cut off stays part of the name
+        setting = f'{setting[:_FILE_LETTERS]}_{zlib.crc32(setting.encode()):08x}'
+    return f'{name}_{setting}' if setting else name
 
 
 def _plain(text: str) -> str:

@@ -124,8 +124,16 @@ def _against_paper(runs: Runs) -> Table:
         "(Student's t) from two on; median and range. A step is 50 ms. Setting: what differs from "
         "the paper's parameters. The paper's accuracy is on the states trained with, the one here "
         'on states held out.',
-        ('measure', 'controller', 'scenario', 'setting', 'paper', 'here', 'median (range)')
-        + ('runs', 'seeds', "in the paper's"),
+        (
+            'measure',
+            'controller',
+            'scenario',
+            'setting',
+            'paper',
+            'here: mean ± s (95 %)',
+            'median (range)',
+        )
+        + ('runs', 'seeds', 'place in the paper'),
         rows,
     )
 
@@ -180,8 +188,15 @@ def _of_laps(laps: Sequence[Lap]) -> Table:
         'Laps',
         'Errors are over completed laps. Mean deviation: right of the centre is positive. '
         "Completed: with the 95 % confidence interval of the share (Wilson's).",
-        ('controller', 'scenario', 'setting', 'lane', 'completed', 'mean error')
-        + ('median (range)', 'mean deviation', 'largest error', 'steps of a lap', 'seeds'),
+        ('controller', 'scenario', 'setting', 'lane', 'completed')
+        + (
+            'mean error ± s (95 %)',
+            'median (range)',
+            'mean deviation',
+            'largest error',
+            'steps of a lap',
+            'seeds',
+        ),
         rows,
     )
 

@@ -1,0 +1,234 @@
+"""The report on tiny real runs: one file, well-formed, that needs nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+import io
+import json
+from pathlib import Path
+import re
+import shutil
+import signal
+import subprocess
+from typing import Any
+from xml.etree import ElementTree
+
+import html5lib
+import numpy as np
+from PIL import Image
+import pytest
+
+from spikelane.main import run
+from spikelane.report.again import drive_again
+from spikelane.report.collect import collect
+from spikelane.trajectory import read_csv, write_csv
+from spikelane_sim.errors import SpikelaneError
+
+pytestmark = pytest.mark.slow
+
+CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))), None)
+SHORT = ('--robot', 'kinematic', '--seed', '1', '--json')
+
+#: Drives the page in a frame as wide as a phone, and says what it finds there.
+PHONE = """<!DOCTYPE html><title>phone</title><body>
+<iframe id="page" width="390" height="844" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>onmessage = event => {{ document.getElementById('found').textContent = event.data; }};
+</script></body>"""
+PROBE = """<script>onload = () => {
+  const images = [...document.images];
+  parent.postMessage(JSON.stringify({
+    width: document.documentElement.scrollWidth,
+    inner: innerWidth,
+    broken: images.filter(image => !image.complete || !image.naturalWidth).length,
+    images: images.length,
+    loaded: performance.getEntriesByType('resource')
+      .map(entry => entry.name).filter(name => !name.startsWith('data:')),
+    dark: matchMedia('(prefers-color-scheme: dark)').matches,
+    paper: getComputedStyle(document.body).backgroundColor,
+    cells: [...document.querySelectorAll('td')].map(cell => cell.textContent),
+  }), '*');
+};</script>"""
+
+
+@pytest.fixture(scope='module')
+def report(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """Drive, evaluate and train a little, and report on it, by the commands."""
+    before = signal.getsignal(signal.SIGTERM)
+    runs = tmp_path_factory.mktemp('runs')
+    short = (*SHORT, '--param', 'simulator.episode.max_steps=80')
+    always = ('--transport', 'inprocess')
+    assert run(['lap', *short, *always, '--out', str(runs / 'lap')]) == 1  # not completed
+    assert run(['evaluate', *short, '--seeds', '2', '--out', str(runs / 'deep/evaluation')]) == 0
+    assert run(['train', 'rstdp', *SHORT, '--steps', '900', '--out', str(runs / 'rstdp')]) == 0
+    assert run(['train', 'dqn', *SHORT, '--steps', '120', '--out', str(runs / 'dqn')]) == 0
+    (runs / 'unfinished').mkdir()
+    (runs / 'unfinished/config.yaml').write_text('lane: outer\n')
+    output = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('sys.stdout', output)
+        assert run(['report', str(runs), '--out', str(runs / 'report'), '--json']) == 0
+    yield {**json.loads(output.getvalue()), 'folder': runs}
+    signal.signal(signal.SIGTERM, before)
+
+
+def page_of(report: dict[str, Any]) -> str:
+    """Return the page."""
+    return Path(report['page']).read_text('utf-8')
+
+
+def attributes(page: str) -> list[tuple[str, str]]:
+    """Return all attributes of the page's elements; the page must be well-formed."""
+    root = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(page)
+    return [pair for element in root.iter() for pair in element.attrib.items()]
+
+
+def decoded(page: str) -> list[tuple[str, bytes]]:
+    """Return kind and content of everything embedded in the page."""
+    sources = [value for name, value in attributes(page) if name in ('src', 'srcset')]
+    found = [re.fullmatch(r'data:(image/[a-z+]+);base64,(\S+)', each) for each in sources]
+    assert all(found)
+    return [(each[1], base64.b64decode(each[2])) for each in found if each]
+
+
+def test_the_page_holds_all_and_asks_for_nothing(report: dict[str, Any]) -> None:
+    """Well-formed; images are embedded, no style, script or image is from elsewhere."""
+    page = page_of(report)
+    assert not {name for name, _ in attributes(page)} & {'href', 'action', 'data', 'poster'}
+    assert 'http:' not in page
+    assert 'https:' not in page
+    assert not re.search(r'@import|url\(|<script|<link', page)
+    for kind, content in decoded(page):
+        if kind == 'image/svg+xml':
+            links = re.findall(rb'(?:xlink:)?href="([^"]*)"', content)
+            assert all(link.startswith((b'#', b'data:')) for link in links)
+            ElementTree.fromstring(content)
+        else:
+            assert Image.open(io.BytesIO(content)).format in ('PNG', 'WEBP')
+
+
+def test_the_page_has_the_tables_rows(report: dict[str, Any]) -> None:
+    """The cells of the tables, in their order; report.json has the same."""
+    root = html5lib.parse(page_of(report), namespaceHTMLElements=False)
+    rows = [tuple(cell.text for cell in row.iter('td')) for row in root.iter('tr')]
+    rows = [row for row in rows if row]
+    assert rows == [tuple(row) for table in report['tables'] for row in table['rows']]
+    beside = json.loads(Path(report['page']).with_name('report.json').read_text())
+    assert beside['tables'] == report['tables']
+    assert (
+        'Braitenberg',
+        '1',
+        'robot.model kinematic',
+        'inner',
+        '0 of 2 (0% to 66%)',
+        'none',
+        '—',
+        'none',
+        '—',
+        'none',
+        '1 to 2',
+    ) in rows
+
+
+def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any]) -> None:
+    """Named by what it shows, as PNG and SVG; the animation as WebP."""
+    names = {Path(file).name for file in report['figures']}
+    both = {
+        'scenarios',
+        'rewards',
+        'state_input',
+        'dqn_scenario_1_robot_model_kinematic_training',
+        'rstdp_scenario_1_robot_model_kinematic_weights',
+        'rstdp_scenario_1_robot_model_kinematic_terminations',
+        'braitenberg_weights',
+        'deviation_scenario_1',
+        'training_time',
+    }
+    assert names == {f'{name}.{kind}' for name in both for kind in ('svg', 'png')} | {
+        'animation.webp'
+    }
+    assert all(Path(file).stat().st_size for file in report['figures'])
+    left_out = {each['what']: each['why'] for each in report['left_out']}
+    assert left_out[str(report['folder'] / 'unfinished')] == 'not finished: no metrics.json'
+    assert left_out['R-STDP training, scenario 3'] == 'no run among these'
+    assert 'R-STDP training, scenario 1' not in left_out
+    assert all(each in page_of(report) for each in ('R-STDP training, scenario 3', 'unfinished'))
+
+
+def test_the_animation_moves(report: dict[str, Any]) -> None:
+    """A picture a step of these 81, none like the one before; small."""
+    [file] = [file for file in report['figures'] if file.endswith('.webp')]
+    with Image.open(file) as animation:
+        assert (animation.n_frames, animation.size) == (81, (640, 360))
+        pictures = []
+        for frame in (0, 40, 80):
+            animation.seek(frame)
+            pictures.append(np.asarray(animation.convert('RGB')))
+    assert (pictures[0] != pictures[1]).any()
+    assert (pictures[1] != pictures[2]).any()
+    assert Path(file).stat().st_size < 1_000_000
+
+
+def test_the_same_runs_give_the_same_page(report: dict[str, Any], tmp_path: Path) -> None:
+    """To the last byte."""
+    assert run(['report', str(report['folder']), '--out', str(tmp_path), '--json']) == 0
+    assert (tmp_path / 'report.html').read_text('utf-8') == page_of(report)
+
+
+def test_a_lap_driven_again_is_checked(report: dict[str, Any], tmp_path: Path) -> None:
+    """What the camera saw has as many events as recorded; another drive is refused."""
+    [lap] = collect([report['folder'] / 'lap']).laps
+    trajectory = read_csv(lap.folder / 'trajectory.csv')
+    seen = drive_again(lap, trajectory)
+    assert [len(events) for events in seen.events] == trajectory.events.tolist()
+    trajectory.left_rad_s[10] += 0.5
+    write_csv(trajectory, tmp_path / 'other.csv')
+    with pytest.raises(SpikelaneError, match='expected step 11 to be the same again'):
+        drive_again(lap, read_csv(tmp_path / 'other.csv'))
+
+
+def test_nothing_to_report_on_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the status of wrong use."""
+    before = signal.getsignal(signal.SIGTERM)
+    assert run(['report', str(tmp_path / 'none')]) == 2
+    signal.signal(signal.SIGTERM, before)
+    error = capsys.readouterr().err
+    assert error == f'spikelane report: {tmp_path}/none: expected a folder of runs, got none\n'
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='needs Chromium (Debian: apt install chromium)')
+@pytest.mark.parametrize(('scheme', 'paper'), [(1, 'rgb(255, 255, 255)'), (0, 'rgb(20, 24, 28)')])
+def test_a_browser_shows_it_on_a_phone(
+    report: dict[str, Any], tmp_path: Path, scheme: int, paper: str
+) -> None:
+    """In light and in dark: no sideways scrolling, every picture there, nothing loaded."""
+    page = page_of(report).replace('</head>', f'{PROBE}</head>')
+    quoted = page.replace('&', '&amp;').replace('"', '&quot;')
+    (tmp_path / 'phone.html').write_text(PHONE.format(page=quoted), 'utf-8')
+    dom = subprocess.run(
+        [
+            str(CHROMIUM),
+            '--headless',
+            '--no-sandbox',
+            '--disable-gpu',
+            f'--user-data-dir={tmp_path / "profile"}',
+            f'--blink-settings=preferredColorScheme={scheme}',
+            '--virtual-time-budget=10000',
+            '--dump-dom',
+            (tmp_path / 'phone.html').as_uri(),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    ).stdout
+    text = html5lib.parse(dom, namespaceHTMLElements=False).find(".//pre[@id='found']").text
+    found = json.loads(text)
+    assert found['width'] <= found['inner'] <= 390
+    assert (found['broken'], found['images']) == (0, 10)
+    assert found['loaded'] == []
+    assert (found['dark'], found['paper']) == (scheme == 0, paper)
+    cells = [cell for table in report['tables'] for row in table['rows'] for cell in row]
+    assert found['cells'] == cells
