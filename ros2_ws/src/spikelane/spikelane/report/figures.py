@@ -232,8 +232,8 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
         labels = _distinct([_short(key) for key in by_group])
         groups = {
             label: TrainingTimes(
-                [_first_lap_step(run) for run in group],
-                [_stable_step(run) for run in group],
+                [first_lap_step(run) for run in group],
+                [stable_step(run) for run in group],
                 style.RIGHT if key.controller == 'rstdp' else style.LEFT,
             )
             for label, (key, group) in zip(labels, by_group.items(), strict=True)
@@ -300,7 +300,7 @@ def _past(run: TrainingRun) -> Training:
     return past
 
 
-def _first_lap_step(run: TrainingRun) -> float | None:
+def first_lap_step(run: TrainingRun) -> float | None:
     """Return when the first lap was completed [steps of 50 ms], None where none was.
 
     DQN's episodes go on after a lap. Its robot drives at one speed, so that a lap is what an
@@ -322,7 +322,7 @@ def _first_lap_step(run: TrainingRun) -> float | None:
     return None
 
 
-def _stable_step(run: TrainingRun) -> float | None:
+def stable_step(run: TrainingRun) -> float | None:
     """Return when it drove without losing the lane [steps of 50 ms], None where it never did."""
     if run.controller != 'dqn':
         return float(run.last_lane_loss_step) if run.has_settled else None
