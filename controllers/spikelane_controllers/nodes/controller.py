@@ -27,6 +27,7 @@ from spikelane_sim.contract import Controller, controller_rng, Observation, STEP
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events, no_events
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -87,6 +88,7 @@ class ControllerNode(Node):
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
+        self._audience = Audience()
         self._is_answered = False
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
@@ -100,7 +102,7 @@ class ControllerNode(Node):
             WheelVelocities,
             'wheel_velocities',
             kept,
-            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._send_answer()),
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._on_match()),
         )
         self._pairs = StampPairs(self._on_observation)
         self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
@@ -202,10 +204,15 @@ class ControllerNode(Node):
             f'event_camera/events: {count} packets were lost', throttle_duration_sec=1.0
         )
 
+    def _on_match(self) -> None:
+        if self._audience.has_grown(self._wheels.get_subscription_count()):
+            self._send_answer()
+
     def _send_answer(self) -> None:
         with self._lock:
-            is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
-            if self._is_answered and is_heard:
+            count = self._wheels.get_subscription_count()
+            if self._is_answered and count >= self._settings.wait_for_subscribers:
+                self._audience.reach(count)
                 self._wheels.publish(self._answer)
 
     def _publish_state(self, lane: LaneState | None) -> None:

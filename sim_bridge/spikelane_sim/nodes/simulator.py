@@ -130,8 +130,8 @@ class SimulatorNode(Node):
         self._topics.publish(observation, is_new)
         self._diagnostics.notice()
 
-    def _on_match(self) -> None:
-        self._stepper.audience_changed()
+    def _on_match(self, has_grown: bool) -> None:
+        self._stepper.audience_changed(has_grown)
 
     def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
         stamp_ns = messages.to_stamp_ns(message.header.stamp)
