@@ -284,10 +284,14 @@ class Stepper:
                 raise SpikelaneError('the simulation is stopped: begin an episode first')
             self._simulator.place(x_m, y_m, heading_rad)
 
-    def audience_changed(self) -> None:
-        """Publish the observation (again) that still waits, since somebody may have missed it."""
+    def audience_changed(self, has_grown: bool = True) -> None:
+        """Publish the observation that still waits, once all are there who must hear it.
+
+        Args:
+            has_grown: Whether somebody has missed it: then it is published again.
+        """
         with self._lock:
-            if self._observation is not None:
+            if self._observation is not None and (has_grown or not self._is_published):
                 self._publish_if_heard()
 
     @property

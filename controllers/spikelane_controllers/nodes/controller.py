@@ -21,11 +21,13 @@ from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
+from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events, no_events
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -86,6 +88,7 @@ class ControllerNode(Node):
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
+        self._audience = Audience()
         self._is_answered = False
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
@@ -99,7 +102,7 @@ class ControllerNode(Node):
             WheelVelocities,
             'wheel_velocities',
             kept,
-            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._send_answer()),
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._on_match()),
         )
         self._pairs = StampPairs(self._on_observation)
         self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
@@ -172,19 +175,19 @@ class ControllerNode(Node):
             self.context.try_shutdown()
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
-        identity = _Identity(conversions.to_stamp_ns(packet.header.stamp), packet.seq)
+        identity = _Identity(messages.to_stamp_ns(packet.header.stamp), packet.seq)
         if identity == self._seen:
             self._send_answer()
             return
         self._seen = identity
-        for step in self._sensor.add(conversions.received_packet(packet)):
+        for step in self._sensor.add(messages.received_packet(packet)):
             with self._lock:
                 self._step(lane, step.events, step.stamp_ns)
                 self._is_answered = True
             self._send_answer()
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
-        lane_state = None if lane is None else conversions.lane_state_from_message(lane)
+        lane_state = None if lane is None else messages.lane_state_from_message(lane)
         observation = Observation(stamp_ns, events, lane_state)
         self._answer.left, self._answer.right = self._host.step(observation)
         self._answer.header.stamp = conversions.to_time(stamp_ns)
@@ -201,10 +204,15 @@ class ControllerNode(Node):
             f'event_camera/events: {count} packets were lost', throttle_duration_sec=1.0
         )
 
+    def _on_match(self) -> None:
+        if self._audience.has_grown(self._wheels.get_subscription_count()):
+            self._send_answer()
+
     def _send_answer(self) -> None:
         with self._lock:
-            is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
-            if self._is_answered and is_heard:
+            count = self._wheels.get_subscription_count()
+            if self._is_answered and count >= self._settings.wait_for_subscribers:
+                self._audience.reach(count)
                 self._wheels.publish(self._answer)
 
     def _publish_state(self, lane: LaneState | None) -> None:
@@ -226,7 +234,7 @@ def _warm_up(controller: Controller) -> None:
     """
     packet = EventPacket(width=1, height=1)
     conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
-    lane = conversions.lane_state_from_message(LaneState())
+    lane = messages.lane_state_from_message(LaneState())
     controller.reset(controller_rng(0, 0))
-    for step in Sensor(has_lane=True).add(conversions.received_packet(packet)):
+    for step in Sensor(has_lane=True).add(messages.received_packet(packet)):
         controller.step(Observation(step.stamp_ns, step.events, lane))

@@ -20,6 +20,7 @@ from tf2_msgs.msg import TFMessage
 
 from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
@@ -40,7 +41,7 @@ class SimulatorTopics:
         simulator: Simulator,
         encoding: str,
         depth: int,
-        on_match: Callable[[], None],
+        on_match: Callable[[bool], None],
     ) -> None:
         """Create the publishers.
 
@@ -49,11 +50,13 @@ class SimulatorTopics:
             simulator: Where the robot's state comes from.
             encoding: Of the event packets.
             depth: Messages kept for a subscriber that is late.
-            on_match: Called when a subscriber to the event packets is met or lost.
+            on_match: Called when a subscriber to the event packets is met or lost, with whether
+                there are some that the last packet has not reached.
         """
         self._simulator = simulator
         self._encoding = encoding
         self._packets = 0
+        self._audience = Audience()
         self._make_messages(simulator)
         self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
@@ -72,7 +75,9 @@ class SimulatorTopics:
             EventPacket,
             'event_camera/events',
             QoSProfile(depth=depth),
-            event_callbacks=PublisherEventCallbacks(matched=lambda _: on_match()),
+            event_callbacks=PublisherEventCallbacks(
+                matched=lambda _: on_match(self._audience.has_grown(self.event_subscribers))
+            ),
         )
         self._tf_static.publish(
             TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
@@ -102,6 +107,7 @@ class SimulatorTopics:
             self._packets - 1,
             self._encoding,
         )
+        self._audience.reach(self.event_subscribers)
         self._events.publish(self._packet)
 
     def _make_messages(self, simulator: Simulator) -> None:

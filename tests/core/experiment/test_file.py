@@ -116,7 +116,8 @@ matrix:
         (
             '[rstdp]',
             '[rstdp, dqm]',
-            r":3: matrix\[0\]\.controllers\[1\]: expected braitenberg or rstdp, got 'dqm'",
+            r':3: matrix\[0\]\.controllers\[1\]: expected braitenberg or rstdp or dqn or '
+            r"dqn_snn, got 'dqm'",
         ),
         ('[rstdp]', 'rstdp', r":3: matrix\[0\]\.controllers: expected a list, got 'rstdp'"),
         ('[rstdp]', '[]', r':3: matrix\[0\]\.controllers: expected a list of at least one'),
