@@ -16,6 +16,7 @@ from spikelane_sim.errors import SpikelaneError
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
+    'view': 'show in the browser what a robot does',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

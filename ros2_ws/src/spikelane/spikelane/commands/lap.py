@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         options.lane,
         options.seed,
         options.transport,
-        given_parameters(options) | _weights(options),
+        given_parameters(options) | weights_parameter(options),
     )
     folder = make_folder(config, options.out)
     with progress(options.json) as show:
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result['completed'] else 1
 
 
-def _weights(options: argparse.Namespace) -> dict[str, str]:
+def weights_parameter(options: argparse.Namespace) -> dict[str, str]:
     """Return the parameter that a given checkpoint is."""
     if options.checkpoint is None:
         return {}
