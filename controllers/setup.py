@@ -23,7 +23,9 @@ setup(
     entry_points={
         'console_scripts': [
             'braitenberg = spikelane_controllers.nodes.braitenberg:main',
+            'dqn = spikelane_controllers.nodes.dqn:main',
             'rstdp = spikelane_controllers.nodes.rstdp:main',
+            'dqn_snn = spikelane_controllers.nodes.dqn_snn:main',
         ],
     },
 )

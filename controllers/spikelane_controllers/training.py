@@ -1,8 +1,9 @@
 """Training by driving: a controller that learns, wrapped so that it remembers how it did.
 
-The paper's procedure for R-STDP (section 4.4): the robot drives, is reset when it leaves the lane
-or has completed a lap, and the lanes alternate. In-process and over ROS the same object is given
-the same observations, so that both give the same weights, bit for bit.
+The paper's procedure (sections 3.4 and 4.4): the robot drives, is reset when it leaves the lane,
+has completed a lap (R-STDP) or has driven long enough (DQN), and the lanes alternate. In-process
+and over ROS the same object is given the same observations, so that both give the same weights,
+bit for bit.
 
 A checkpoint is taken every so many steps. It holds the controller's state and the answers given
 since the last reset: a resumed run resets the simulator to that episode, gives those answers once
@@ -13,10 +14,10 @@ it, which nothing depends on.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ _PREFIX = 'controller.'
 class TrainingParameters(Parameters):
     """How long a training takes and how often it is saved."""
 
-    steps: int = parameter(30_000, 'Steps of 50 ms to drive.', low=1)
+    steps: int = parameter(30_000, 'Steps to drive, of 50 ms each.', low=1)
     save_every: int = parameter(
         100, 'Steps between checkpoints; a kill costs at most these.', low=1
     )
@@ -69,10 +70,6 @@ class LearningController(Controller, Protocol):
 
     learning: bool
 
-    @property
-    def weights_pa(self) -> NDArray[np.float64]:
-        """Weights [pA], (n_neurons, n_inputs)."""
-
     def initialise(self, rng: np.random.Generator) -> None:
         """Forget all; draw initial weights, where none are given."""
 
@@ -87,6 +84,14 @@ class LearningController(Controller, Protocol):
         """
 
 
+class PlasticController(LearningController, Protocol):
+    """A controller whose weights are few enough to be watched."""
+
+    @property
+    def weights_pa(self) -> NDArray[np.float64]:
+        """Weights [pA], (n_neurons, n_inputs)."""
+
+
 class Start(NamedTuple):
     """The episode that a training begins or goes on with."""
 
@@ -97,14 +102,17 @@ class Start(NamedTuple):
 class Training:
     """A learning controller in training; itself a `contract.Controller`.
 
-    Either `begin` or `resume` comes first.
+    Either `begin` or `resume` comes first. Classes for controllers that need more override the
+    methods below `_counts`.
 
     Attributes:
         controller: What learns.
-        steps: Steps driven.
+        steps: Steps driven, as the class counts them.
         terminations: Of all episodes.
-        weight_history: Weights every `save_every` steps, from step 0, each (n_neurons, n_inputs).
+        on_episode: Called after each episode.
     """
+
+    parameters_class: ClassVar[type[TrainingParameters]] = TrainingParameters
 
     def __init__(
         self,
@@ -127,7 +135,7 @@ class Training:
         self.controller = controller
         self.steps = 0
         self.terminations: list[Termination] = []
-        self.weight_history: list[NDArray[np.float32]] = []
+        self.on_episode: Callable[[], None] = lambda: None
         self._name = name
         self._parameters = parameters
         self._config = dict(config)
@@ -138,6 +146,7 @@ class Training:
         self._answers = array('d')
         self._n_replayed = 0
         self._needs_reset = False
+        self._is_due = False
 
     def begin(self, seed: int) -> None:
         """Begin with initial weights that depend on the seed alone, and save that.
@@ -152,13 +161,21 @@ class Training:
             )
         # Episodes count from 1, so that 0 is free for the weights before the first.
         self.controller.initialise(controller_rng(seed, 0))
-        self._remember_weights()
+        self._begin_records()
         self._save()
 
     @property
     def start(self) -> Start:
         """The episode to reset the simulator to before the first step."""
         return self._start
+
+    def steps_after(self, observations: int) -> int:
+        """Return about how many steps there will be after so many observations more."""
+        return self.steps + observations
+
+    def scalars(self) -> dict[str, float]:
+        """Return what can be plotted of the last episode, under Stable-Baselines3's names."""
+        return {}
 
     @property
     def parameters(self) -> TrainingParameters:
@@ -167,8 +184,8 @@ class Training:
 
     @property
     def is_done(self) -> bool:
-        """Whether all steps are driven."""
-        return self.steps >= self._parameters.steps
+        """Whether all steps are driven; never between two episodes."""
+        return self.steps >= self._parameters.steps and not self._needs_reset
 
     @property
     def needs_reset(self) -> bool:
@@ -195,18 +212,22 @@ class Training:
             return self._repeated_answer(lane)
         wheels = self.controller.step(observation)
         self._needs_reset = lane.terminated
+        if self._counts(lane):
+            self.steps += 1
+            self._is_due |= self.steps % self._parameters.save_every == 0
         if lane.terminated:
             self.terminations.append(self._termination(lane))
+            self._record_episode()
+            self.on_episode()
             return wheels
         self._start, self._distance_m = Start(lane.lane, lane.episode), lane.distance_m
         self._answers.extend(wheels)
         self._n_replayed += 1
-        self.steps += 1
-        is_due = self.steps % self._parameters.save_every == 0
-        if is_due:
-            self._remember_weights()
-        if is_due or self.is_done:
+        if self._is_due:
+            self._record_step()
+        if self._is_due or self.is_done:
             self._save()
+            self._is_due = False
         return wheels
 
     def resume(self) -> None:
@@ -224,7 +245,7 @@ class Training:
             raise CheckpointError(f'{self._checkpoint}: {error}') from None
         self.steps = facts['steps']
         self.terminations = [Termination(*each) for each in facts['terminations']]
-        self.weight_history = list(arrays['training.weight_history'])
+        self._restore_records(checkpoint)
         self._config = facts['config']
         self._start = Start(facts['lane'], facts['episode'])
         self._distance_m = facts['distance_m']
@@ -248,17 +269,39 @@ class Training:
             )
         return WheelVelocities(*self._answers[first : first + 2])
 
-    def _remember_weights(self) -> None:
-        self.weight_history.append(self.controller.weights_pa.astype(np.float32))
+    def _counts(self, lane: LaneState) -> bool:
+        """Return whether the step that ended with this observation counts."""
+        return not lane.terminated
+
+    def _begin_records(self) -> None:
+        """Begin what is kept beside the terminations."""
+
+    def _record_step(self) -> None:
+        """Add to the records, just before a checkpoint that is due."""
+
+    def _record_episode(self) -> None:
+        """Add to the records, just after a termination."""
+
+    def _records(self) -> Checkpoint:
+        """Return the records as a checkpoint is to hold them."""
+        return Checkpoint({}, {})
+
+    def _restore_records(self, checkpoint: Checkpoint) -> None:
+        """Become what `_records` returned.
+
+        Raises:
+            CheckpointError: They cannot be had.
+        """
 
     def _save(self) -> None:
         """Write the checkpoint; it is forced to the disk, and for people to read, at the end."""
         state = self.controller.state()
+        records = self._records()
         arrays: dict[str, NDArray[Any]] = {
             _PREFIX + name: value for name, value in state.items() if isinstance(value, np.ndarray)
         }
         arrays['training.answers'] = np.array(self._answers).reshape(-1, 2)
-        arrays['training.weight_history'] = np.stack(self.weight_history)
+        arrays |= records.arrays
         numbers = {name: v for name, v in state.items() if not isinstance(v, np.ndarray)}
         write_checkpoint(
             self._checkpoint,
@@ -272,6 +315,7 @@ class Training:
                 'episode': self._start.episode,
                 'distance_m': self._distance_m,
                 'terminations': [list(each) for each in self.terminations],
+                **records.facts,
             },
             sync=self.is_done,
         )
@@ -299,6 +343,31 @@ class Training:
             episode_steps=lane.step,
             reason=lane.reason,
         )
+
+
+class PlasticTraining(Training):
+    """Training of R-STDP: every step of 50 ms counts, and the weights are watched.
+
+    Attributes:
+        controller: What learns.
+        weight_history: Weights every `save_every` steps, from step 0, each (n_neurons, n_inputs).
+    """
+
+    controller: PlasticController
+    weight_history: list[NDArray[np.float32]]
+
+    def _begin_records(self) -> None:
+        self.weight_history = []
+        self._record_step()
+
+    def _record_step(self) -> None:
+        self.weight_history.append(self.controller.weights_pa.astype(np.float32))
+
+    def _records(self) -> Checkpoint:
+        return Checkpoint({'training.weight_history': np.stack(self.weight_history)}, {})
+
+    def _restore_records(self, checkpoint: Checkpoint) -> None:
+        self.weight_history = list(checkpoint.arrays['training.weight_history'])
 
 
 def controller_state(checkpoint: Checkpoint) -> State:

@@ -14,11 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
+from spikelane_controllers.q_network import QNetwork
+from spikelane_controllers.registry import CONTROLLERS
 from spikelane_controllers.state import array
 from spikelane_sim.errors import CheckpointError
 
-#: Name of the weights in a checkpoint: of the controller, its network, in pA.
-WEIGHTS = 'controller.network.weights_pa'
+#: Names in a checkpoint of what a controller drives with: its network's weights.
+WEIGHTS = 'controller.network.weights_pa'  # of R-STDP, in pA
+Q_NETWORK = tuple(f'controller.network.{name}' for name in QNetwork._fields)
+_NAMES: Mapping[str, tuple[str, ...]] = {'rstdp': (WEIGHTS,), 'dqn': Q_NETWORK}
 
 _SHIPPED = Path(__file__).parent / 'weights'
 
@@ -26,7 +30,10 @@ _SHIPPED = Path(__file__).parent / 'weights'
 def shipped_weights(controller: str) -> tuple[str, ...]:
     """Return the names of the weights that are shipped for a controller."""
     names = (path.stem for path in _SHIPPED.glob(f'{controller}_*.safetensors'))
-    return tuple(sorted(name.removeprefix(f'{controller}_') for name in names))
+    # Those of `dqn_snn` are not the `snn_...` of `dqn`.
+    longer = tuple(f'{name}_' for name in CONTROLLERS if name.startswith(f'{controller}_'))
+    own = (name for name in names if not name.startswith(longer))
+    return tuple(sorted(name.removeprefix(f'{controller}_') for name in own))
 
 
 def find_checkpoint(controller: str, name: str) -> Path:
@@ -80,6 +87,31 @@ def read_weights(
     return weights_pa
 
 
+def read_network(controller: str, name: str, like: QNetwork) -> QNetwork:
+    """Read a Q-network.
+
+    Args:
+        controller: Name of the controller it must be of.
+        name: As in `find_checkpoint`.
+        like: A network of the shapes that it must have.
+
+    Raises:
+        CheckpointError: There is none, or another; the message names the file, what was expected
+            and what came.
+    """
+    file = find_checkpoint(controller, name)
+    arrays = read_checkpoint(file, controller).arrays
+    try:
+        return QNetwork(
+            *(
+                array(arrays, name, example.dtype, example.shape)
+                for name, example in zip(Q_NETWORK, like, strict=True)
+            )
+        )
+    except CheckpointError as error:
+        raise CheckpointError(f'{file}: {error}') from None
+
+
 def write_weights(
     path: Path, controller: str, weights_pa: NDArray[np.float64], facts: Mapping[str, Any]
 ) -> None:
@@ -105,7 +137,8 @@ def export_weights(controller: str, checkpoint: Path, path: Path, command: str) 
         FileError: The weights cannot be written.
     """
     arrays, facts = read_checkpoint(checkpoint, controller)
-    if WEIGHTS not in arrays or 'config' not in facts:
+    names = _NAMES[controller]
+    if not set(names) <= set(arrays) or 'config' not in facts:
         raise CheckpointError(f'{checkpoint}: expected the checkpoint of a training')
     about = {'command': command, 'config': facts['config'], 'steps': facts.get('steps')}
-    write_weights(path, controller, arrays[WEIGHTS], about)
+    write_checkpoint(path, controller, {name: arrays[name] for name in names}, about)

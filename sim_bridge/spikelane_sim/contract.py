@@ -33,6 +33,9 @@ class WheelVelocities(NamedTuple):
     right: float  # [rad/s], forward positive
 
 
+STANDSTILL = WheelVelocities(0.0, 0.0)
+
+
 class RobotState(NamedTuple):
     """Pose and motion of the robot's body (frame base_link) in the world."""
 
@@ -117,3 +120,8 @@ def controller_rng(seed: int, episode: int) -> np.random.Generator:
 def simulator_rng(seed: int, episode: int) -> np.random.Generator:
     """Return the generator that the simulator's noise comes from in an episode."""
     return np.random.default_rng([seed, episode, 0])
+
+
+def link_rng(seed: int, episode: int) -> np.random.Generator:
+    """Return the generator that the losses between robot and controller are drawn from."""
+    return np.random.default_rng([seed, episode, 2])

@@ -110,6 +110,16 @@ class StateImage:
         self._oldest = (self._oldest + 1) % self.parameters.frames
 
     @property
+    def frames(self) -> Counts:
+        """Events in each cell in each of the last steps, oldest first, (frames, rows, columns)."""
+        return np.roll(self._frames, -self._oldest, axis=0)
+
+    @frames.setter
+    def frames(self, frames: Counts) -> None:
+        self._frames[:] = frames
+        self._oldest = 0
+
+    @property
     def counts(self) -> Counts:
         """Events in each cell over the last steps, (rows, columns)."""
         total: Counts = self._frames.sum(axis=0)

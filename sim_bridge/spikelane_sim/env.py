@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 import gymnasium
@@ -25,29 +24,15 @@ from spikelane_sim.encoding import (
     StateImageParameters,
 )
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import parameter
 from spikelane_sim.simulator import Simulator, SimulatorParameters
-
-#: Left, straight, right: how the turning velocity is added to the left wheel.
-_TURNS = (-1.0, 0.0, 1.0)
+from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters, lane_centre_reward
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaskParameters(Parameters):
-    """The task around the simulator: actions and reward."""
+class TaskParameters(DecisionParameters):
+    """The task around the simulator: actions, reward and length."""
 
-    steps_per_action: int = parameter(
-        10, 'Steps of 50 ms for which an action holds.', low=1, source='paper section 3.2'
-    )
-    drive_rad_s: float = parameter(
-        1.0, 'Wheel velocity straight on (v_s).', unit='rad/s', source='paper, DQN parameters'
-    )
-    turn_rad_s: float = parameter(
-        0.25, 'Added and subtracted to turn (v_t).', unit='rad/s', source='paper, DQN parameters'
-    )
-    reward_sigma_m: float = parameter(
-        0.15, 'Standard deviation of the reward.', unit='m', low=1e-6, source='paper section 3.3'
-    )
     max_actions: int = parameter(
         1000, 'Actions after which an episode is truncated.', low=1, source='paper section 3.4'
     )
@@ -160,8 +145,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
     def lane_centre_reward(self, distance_m: float) -> float:
         """Return the normal density of the lane distance [m] (paper section 3.3)."""
-        sigma = self._task.reward_sigma_m
-        return math.exp(-((distance_m / sigma) ** 2) / 2) / (sigma * math.sqrt(2 * math.pi))
+        return lane_centre_reward(distance_m, self._task.reward_sigma_m)
 
     def render(self) -> NDArray[np.uint8]:
         """Return the events of the last step, ON blue and OFF red on black, (H, W, 3)."""
@@ -185,8 +169,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
             raise SpikelaneError(f'action: expected one of {self.action_space}, got {action!r}')
         if not self._is_discrete:
             return WheelVelocities(*action.tolist())
-        turn = _TURNS[int(action)] * self._task.turn_rad_s
-        return WheelVelocities(self._task.drive_rad_s + turn, self._task.drive_rad_s - turn)
+        return action_wheels(int(action), self._task)
 
     def _observation(self) -> NDArray[np.generic]:
         if self._is_image:
@@ -208,7 +191,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._is_discrete:
-            return spaces.Discrete(len(_TURNS))
+            return spaces.Discrete(len(ACTIONS))
         limit = self._simulator.parameters.robot.max_wheel_velocity_rad_s
         return spaces.Box(-limit, limit, (2,), np.float32)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from spikelane_sim.camera import Camera, CameraParameters
 from spikelane_sim.contract import (
     LaneState,
+    link_rng,
     Observation,
     RobotState,
     simulator_rng,
@@ -24,6 +25,7 @@ from spikelane_sim.contract import (
 )
 from spikelane_sim.course import advance, load_course
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.link import Link, LinkParameters
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.pixels import make_pixel_model, PixelParameters
 from spikelane_sim.robots import make_robot, RobotParameters
@@ -55,6 +57,7 @@ class SimulatorParameters(Parameters):
     robot: RobotParameters = nested(RobotParameters)
     camera: CameraParameters = nested(CameraParameters)
     pixels: PixelParameters = nested(PixelParameters)
+    link: LinkParameters = nested(LinkParameters)
 
 
 class CommandCounts(NamedTuple):
@@ -84,6 +87,7 @@ class Simulator:
         self._pixels = make_pixel_model(self.parameters.pixels, camera.width, camera.height)
         self._camera = Camera(camera, self.course)
         self._robot = make_robot(self.parameters.robot, self._pixels.images_per_step)
+        self._link = Link(self.parameters.link)
         self._time_ns = 0
         self._seed = 0
         self._episode = 0
@@ -181,11 +185,12 @@ class Simulator:
         self._episode += 1
         self._robot.reset(start.x_m, start.y_m, start.heading_rad)
         self._pixels.reset(simulator_rng(self._seed, self._episode))
+        self._link.reset(link_rng(self._seed, self._episode))
         self._lane_state = self._lane_state_at_start(lane)
         return self._observe(self._pose_now()[None])
 
     def step(self, wheels: WheelVelocities) -> Observation:
-        """Drive for one step with these target wheel velocities.
+        """Drive for one step with these target wheel velocities, or older ones (`link.py`).
 
         Velocities that are not finite stop the wheels for this step, others are clipped to the
         robot's limit; `command_counts` counts both.
@@ -194,7 +199,7 @@ class Simulator:
             SpikelaneError: The episode is over, or none has begun.
         """
         last = self._running_lane_state()
-        poses = self._robot.step(self._admit(wheels))
+        poses = self._robot.step(self._link.carry_command(self._admit(wheels)))
         x_m, y_m, heading_rad = _planar(poses[-1])
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
         lane = self.course.lanes[last.lane]
@@ -233,7 +238,7 @@ class Simulator:
         self._time_ns += STEP_NS
         images = self._camera.render_many(poses)
         events = self._pixels.step(images, start_ns, self._time_ns)
-        return Observation(self._time_ns, events, self._lane_state)
+        return Observation(self._time_ns, self._link.carry_events(events), self._lane_state)
 
     def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
         left, right = wheels

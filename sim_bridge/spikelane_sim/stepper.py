@@ -14,11 +14,15 @@ from enum import Enum
 import threading
 from typing import NamedTuple
 
-from spikelane_sim.contract import Observation, RobotState, STEP_NS, WheelVelocities
+from spikelane_sim.contract import (
+    Observation,
+    RobotState,
+    STANDSTILL,
+    STEP_NS,
+    WheelVelocities,
+)
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.simulator import Simulator
-
-STANDSTILL = WheelVelocities(0.0, 0.0)
 
 
 class RunState(Enum):

@@ -1,13 +1,16 @@
-"""The bench's comparison with NEST."""
+"""The comparisons of the bench with other programs."""
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
+from pathlib import Path
+import re
 from typing import Any
 
 import pytest
 
+from spikelane.bench.dqn import measure_dqn
 from spikelane.bench.plasticity import measure_plasticity
 from spikelane.commands.bench import run
 
@@ -36,3 +39,33 @@ def test_without_nest_the_comparison_is_skipped(
     assert said.out == ''
     assert 'skipped plasticity: expected NEST' in said.err
     assert 'pip install nest-simulator==3.10.0' in said.err
+
+
+@pytest.mark.slow
+def test_both_ways_of_deep_q_learning_are_timed() -> None:
+    """In the same environment, and the policies are driven on both lanes."""
+    result = measure_dqn(steps=60)
+    assert result['ratio'] == pytest.approx(result['ours_us'] / result['theirs_us'])
+    rewards = [
+        result[f'{who}_{lane}'] for who in ('ours', 'theirs') for lane in ('outer', 'inner')
+    ]
+    assert all(0 < reward < 2660 for reward in rewards)
+
+
+def test_without_stable_baselines_the_comparison_is_skipped(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message says how to get it."""
+    found = importlib.util.find_spec
+
+    def find(name: str, *others: Any) -> Any:
+        return None if name == 'stable_baselines3' else found(name, *others)
+
+    monkeypatch.setattr(importlib.util, 'find_spec', find)
+    assert run(argparse.Namespace(names=['dqn'], json=False)) == 0
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert 'skipped dqn: expected Stable-Baselines3' in said.err
+    pinned = Path(__file__).parents[2] / 'requirements/constraints.txt'
+    (version,) = re.findall('stable-baselines3==(.*)', pinned.read_text())
+    assert f'pip install stable-baselines3=={version}' in said.err

@@ -273,7 +273,10 @@ def test_the_picture_shows_the_last_events() -> None:
         ({'actions': 'speed'}, "actions: expected discrete or wheels, got 'speed'"),
         ({'render_mode': 'human'}, "render_mode: expected rgb_array, got 'human'"),
         ({'scenario': 4}, "course: expected scenario_1, .* got 'scenario_4'"),
-        ({'task': {'max_action': 3}}, "task: unknown parameter 'max_action'; expected steps_per"),
+        (
+            {'task': {'max_action': 3}},
+            "task: unknown parameter 'max_action'; expected drive_rad_s",
+        ),
         ({'task': {'max_actions': 0}}, 'task: max_actions: expected a whole number of at least 1'),
         ({'simulator': {'speed': 3}}, "simulator: unknown parameter 'speed'"),
     ],

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from spikelane.training import TRAINING_DEFAULTS
-from spikelane_controllers.registry import controller_class, CONTROLLERS
-from spikelane_controllers.training import TrainingParameters
+from spikelane_controllers.gathering import GatheringParameters
+from spikelane_controllers.registry import controller_class, CONTROLLERS, training_class
+from spikelane_controllers.transfer import TransferParameters
 from spikelane_sim.parameters import ParameterSpec
 from spikelane_sim.simulator import SimulatorParameters
 
@@ -27,14 +28,23 @@ class Row(NamedTuple):
     default: str
     place: str
     file: str
+    heading: str
+
+    @property
+    def controller(self) -> str:
+        """Of which the row tells the training."""
+        return 'dqn' if self.heading == 'Deep Q-learning' else 'rstdp'
 
 
 def read_map() -> list[Row]:
     """Return the rows of all tables with the map's columns, `default` or not."""
     rows: list[Row] = []
     columns: list[str] = []
+    heading = ''
     for line in (_ROOT / 'controllers/README.md').read_text('utf-8').splitlines():
         cells = [cell.strip().strip('`') for cell in line.strip('|').split('|')]
+        if line.startswith('#'):
+            heading = line.strip('# ')
         if not line.startswith('|'):
             columns = []
         elif not columns:
@@ -42,7 +52,8 @@ def read_map() -> list[Row]:
         elif cells[0].strip('-') and columns[1] == 'name in code':
             named = dict(zip(columns, cells, strict=True))
             assert set(named) <= set(_HEAD)
-            rows.append(Row(*(named.get(name, '').replace(_NONE, '') for name in _HEAD)))
+            cells = [named.get(name, '').replace(_NONE, '') for name in _HEAD]
+            rows.append(Row(*cells, heading))
     return rows
 
 
@@ -52,11 +63,13 @@ CONSTANTS = [row for row in PARAMETERS if ':' in row.name]
 QUANTITIES = [row for row in ROWS if row not in PARAMETERS]
 
 
-def specs() -> dict[str, ParameterSpec]:
-    """Return all parameters under the names they have on the command line."""
+def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
+    """Return all parameters under the names they have on the command line to train one."""
     classes: dict[str, Any] = {
         'simulator': SimulatorParameters,
-        'training': TrainingParameters,
+        'transfer': TransferParameters,
+        'gathering': GatheringParameters,
+        'training': training_class(trained).parameters_class,
         **{name: controller_class(name).parameters_class for name in CONTROLLERS},
     }
     return {
@@ -66,17 +79,16 @@ def specs() -> dict[str, ParameterSpec]:
 
 def test_the_map_is_found() -> None:
     """So that the tests below are about something."""
-    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (43, 2, 11)
+    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (88, 2, 22)
 
 
 @pytest.mark.parametrize('row', [row for row in PARAMETERS if row not in CONSTANTS])
 def test_a_parameter_has_the_default_and_the_unit_in_the_map(row: Row) -> None:
     """As declared; of a training's, as it is set for training."""
-    spec = specs()[row.name]
+    spec = specs(row.controller)[row.name]
     assert row.unit == spec.unit
     if row.default != _ELSEWHERE:
-        trained = row.name.startswith('simulator.episode.')
-        default = TRAINING_DEFAULTS[row.name] if trained else spec.default
+        default = TRAINING_DEFAULTS[row.controller].get(row.name, spec.default)
         assert row.default == str(default)
 
 
@@ -99,7 +111,7 @@ def test_what_the_map_names_is_in_the_file_it_names(row: Row) -> None:
         assert f'class {owner}' in text or f'\n{owner} = ' in text
 
 
-def test_every_value_from_the_papers_table_is_in_the_map() -> None:
+def test_every_value_from_the_papers_tables_is_in_the_map() -> None:
     """And every other parameter of the synapses, which decide what is learnt."""
     mapped = {row.name for row in ROWS}
     wanted = {
@@ -110,3 +122,18 @@ def test_every_value_from_the_papers_table_is_in_the_map() -> None:
     synapses = {name for name in specs() if name.startswith('rstdp.synapse.')}
     assert wanted | synapses <= mapped
     assert len(wanted) == 22
+    of_dqn = {
+        name
+        for name, spec in specs().items()
+        if name.startswith('dqn.') and 'DQN parameters' in spec.source
+    }
+    assert of_dqn <= mapped
+    assert len(of_dqn) == 14
+
+
+def test_every_value_from_the_papers_table_of_the_dqn_snn_is_in_the_map() -> None:
+    """Of its training and of its neurons."""
+    mapped = {row.name for row in ROWS}
+    wanted = {name for name, spec in specs().items() if 'DQN-SNN parameters' in spec.source}
+    assert wanted <= mapped
+    assert len(wanted) == 8

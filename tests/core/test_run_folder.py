@@ -66,7 +66,7 @@ def test_a_configuration_carries_the_versions(tmp_path: Path) -> None:
 
 def test_versions_name_what_computes() -> None:
     """Python is one of them; what is not installed is None."""
-    assert list(versions()) == ['python', 'spikelane', 'numpy', 'numba', 'pybullet']
+    assert list(versions()) == ['python', 'spikelane', 'numpy', 'numba', 'pybullet', 'torch']
     assert str(versions()['python']).startswith('3.')
 
 

@@ -14,6 +14,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
+from spikelane.main import run
+
 pytestmark = pytest.mark.ros
 
 STEPS = 100
@@ -165,6 +167,32 @@ def test_transports_and_repetitions_give_the_same_trajectory(short: Lap, tmp_pat
     assert trajectories[0] == trajectories[2]
 
 
+def test_its_bag_replayed_agrees_exactly(
+    short: Lap, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bag says what drove; the same metrics come of it."""
+    assert run(['replay', str(short.bag), '--json', '--out', str(tmp_path / 'replay')]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['agreement'], result['answers']) == (1.0, STEPS + 1)
+    assert (result['controller'], result['seed'], result['notes']) == ('braitenberg', 3, [])
+    (episode,) = result['episodes']
+    assert {name: short.result[name] for name in episode if name != 'episode'} == {
+        name: value for name, value in episode.items() if name != 'episode'
+    }
+    assert result['mean_abs_distance_m'] == short.result['mean_abs_distance_m']
+
+
+def test_learnt_weights_and_parameters_are_in_the_bag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So that the bag alone is enough to replay it."""
+    options = ('--controller', 'rstdp', '--scenario', '2', '--lane', 'inner')
+    lap = drive_short(tmp_path / 'lap', *options, '--param', 'rstdp.steering.v_max=1.3')
+    assert run(['replay', str(lap.bag), '--json', '--out', str(tmp_path / 'replay')]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['agreement'], result['answers']) == (1.0, STEPS + 1)
+
+
 def test_another_seed_gives_another_trajectory(short: Lap, tmp_path: Path) -> None:
     """Else the comparison above would mean nothing."""
     other = drive_short(tmp_path / 'other', '--transport', 'inprocess', '--seed', '4')
@@ -196,3 +224,24 @@ def test_a_whole_lap_over_ros_is_the_lap_driven_in_process(tmp_path: Path) -> No
     with AnyReader([over_ros.bag]) as reader:
         counts = {each.topic: each.msgcount for each in reader.connections}
     assert {counts[topic] for topic in EVERY_STEP} == {result['steps'] + 1}
+
+
+def test_the_dqn_snn_drives_the_same_over_ros(tmp_path: Path) -> None:
+    """With its shipped network: every spike it draws is the same, so is the trajectory."""
+    over_ros, within = (
+        drive_short(tmp_path / each, '--controller', 'dqn_snn', '--transport', each)
+        for each in ('ros', 'inprocess')
+    )
+    assert over_ros.errors == ''
+    trajectories = [(lap.folder / 'trajectory.csv').read_bytes() for lap in (over_ros, within)]
+    assert trajectories[0].count(b'\n') == STEPS + 2
+    assert trajectories[0] == trajectories[1]
+    with AnyReader([over_ros.bag]) as reader:
+        (connection,) = (c for c in reader.connections if c.topic == '/controller/state')
+        states = [
+            reader.deserialize(raw, connection.msgtype)
+            for _, _, raw in reader.messages([connection])
+        ]
+    assert states[0].neurons == ['left', 'straight', 'right']
+    assert {each.action for each in states} <= {0, 1, 2}
+    assert sum(int(each.spikes.sum()) for each in states) > 0

@@ -62,6 +62,21 @@ def test_a_packet_carries_events_and_where_they_belong(encoding: str) -> None:
     assert np.array_equal(conversions.events_from_packet(message), events)
 
 
+def test_a_packet_taken_apart_can_be_put_together() -> None:
+    """Field by field; the frame is left to the caller."""
+    message = EventPacket(width=8, height=9, seq=3, time_base=5, encoding='mono')
+    message.header.stamp = Time(sec=1, nanosec=50_000_000)
+    message.is_bigendian = True
+    message.events = array('B', [1, 2, 3])
+    packet = conversions.received_packet(message)
+    assert (packet.stamp_ns, packet.sequence, packet.time_base_ns) == (STAMP_NS, 3, 5)
+    assert (packet.encoding, packet.width, packet.height) == ('mono', 8, 9)
+    assert (bytes(packet.data), packet.is_bigendian) == (b'\1\2\3', True)
+    again = EventPacket()
+    conversions.fill_received_packet(again, packet)
+    assert again == message
+
+
 def test_a_packet_that_says_big_endian_is_refused() -> None:
     """No encoding is."""
     message = EventPacket(width=8, height=8, encoding='evt3', is_bigendian=True)

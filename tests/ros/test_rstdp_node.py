@@ -5,6 +5,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
+from event_camera_msgs.msg import EventPacket
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -79,6 +80,8 @@ def test_it_drives_with_the_shipped_weights(graph) -> None:
 def simulator(graph) -> Iterator[list[Any]]:
     """Give the lane states of a simulator that began by itself, on another lane and seed."""
     lanes = heard(graph, LaneState, '/train/lane/state')
+    # Who joins late is sent the first observation again on meeting the event packets' reader.
+    heard(graph, EventPacket, '/train/event_camera/events')
     own = {**NARROW, 'lane': 'inner', 'seed': 9}
     process = graph.start('simulator', own, '-r', '__ns:=/train')
     graph.until(lambda: lanes)

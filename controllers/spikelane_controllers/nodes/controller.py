@@ -1,8 +1,9 @@
 """What every controller node is: observations in, wheel velocities out.
 
-An observation is an event packet and the lane state of the same stamp. Each is answered once; the
-answer carries its stamp and is sent again when a subscriber joins or the observation comes again,
-so that whoever starts first, nothing waits for what was sent too early.
+An observation is an event packet and the lane state of the same stamp, or without lane states a
+step of any event camera (`spikelane_sim.sensor`). Each is answered once; the answer carries its
+stamp and is sent again when a subscriber joins or the observation comes again, so that whoever
+starts first, nothing waits for what was sent too early.
 """
 
 from __future__ import annotations
@@ -15,20 +16,27 @@ from typing import NamedTuple
 from event_camera_msgs.msg import EventPacket
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
+from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
+from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
-from spikelane_sim.errors import PacketError
-from spikelane_sim.events import no_events
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events, no_events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
+RELIABILITIES = {
+    'reliable': ReliabilityPolicy.RELIABLE,
+    'best_effort': ReliabilityPolicy.BEST_EFFORT,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +53,12 @@ class ControllerNodeParameters(Parameters):
     wait_for_subscribers: int = parameter(
         0, 'Subscribers wheel_velocities must have before an answer is published.', low=0
     )
+    reliability: str = parameter(
+        'reliable',
+        'Of the subscription to event_camera/events; best_effort where its publisher is.',
+        choices=tuple(RELIABILITIES),
+    )
+    sensor: SensorParameters = nested(SensorParameters)
 
 
 class _Identity(NamedTuple):
@@ -52,13 +66,6 @@ class _Identity(NamedTuple):
 
     stamp_ns: int
     sequence: int
-
-
-class _Episode(NamedTuple):
-    """Tells one episode from the next."""
-
-    number: int
-    last_step: int
 
 
 class ControllerNode(Node):
@@ -75,10 +82,11 @@ class ControllerNode(Node):
         self._settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
-        self._controller.reset(controller_rng(self._settings.seed, 0))
-        self._episode: _Episode | None = None
-        self._answered: _Identity | None = None
+        self._host = Host(self._controller, self._settings.seed)
+        self._sensor = self._make_sensor()
+        self._seen: _Identity | None = None
         self._answer = WheelVelocities()
+        self._is_answered = False
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
         self._state = ControllerState(
@@ -95,17 +103,7 @@ class ControllerNode(Node):
         )
         self._pairs = StampPairs(self._on_observation)
         self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
-        if self._settings.use_lane_state:
-            self._observations.subscribe(
-                LaneState,
-                'lane/state',
-                self._pairs.add_first,
-                RELIABLE_10,
-                is_companion=True,
-            )
-        self._observations.subscribe(
-            EventPacket, 'event_camera/events', self._on_packet, RELIABLE_10
-        )
+        self._subscribe()
         self._start()
 
     def destroy_node(self) -> None:
@@ -117,8 +115,41 @@ class ControllerNode(Node):
         """Declare the controller's parameters and make it."""
         cls = controller_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
+        self._image_size = image_size(parameters)
         _warm_up(cls(parameters))
         return cls(parameters)
+
+    def _make_sensor(self) -> Sensor:
+        """Return what makes steps of packets, in the size that the controller is made for."""
+        width, height = self._image_size
+        return Sensor(
+            self._settings.sensor,
+            width=width,
+            height=height,
+            has_lane=self._settings.use_lane_state,
+            on_fault=self._report_fault,
+            on_loss=self._report_lost,
+        )
+
+    def _subscribe(self) -> None:
+        """Subscribe to observations; they are handled from the start on."""
+        if self._settings.use_lane_state:
+            self._observations.subscribe(
+                LaneState,
+                'lane/state',
+                self._pairs.add_first,
+                RELIABLE_10,
+                is_companion=True,
+            )
+        reliability = RELIABILITIES[self._settings.reliability]
+        # A simulator waits for us; a camera does not, and sends many packets a step.
+        depth = 10 if self._settings.use_lane_state else 1000
+        self._observations.subscribe(
+            EventPacket,
+            'event_camera/events',
+            self._on_packet,
+            QoSProfile(depth=depth, reliability=reliability),
+        )
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         """Return what answers: the controller itself, or something that asks it."""
@@ -130,55 +161,50 @@ class ControllerNode(Node):
         self._observations.start()
 
     def _on_packet(self, packet: EventPacket) -> None:
-        if self._settings.use_lane_state:
-            self._pairs.add_second(packet)
-        else:
-            self._on_observation(None, packet)
+        try:
+            if self._settings.use_lane_state:
+                self._pairs.add_second(packet)
+            else:
+                self._on_observation(None, packet)
+        except ParameterError as error:  # this camera has no such part of an image
+            self.get_logger().fatal(f'sensor: {error}')
+            self.exit_status = 2
+            self.context.try_shutdown()
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
         identity = _Identity(conversions.to_stamp_ns(packet.header.stamp), packet.seq)
-        with self._lock:
-            if identity != self._answered:
-                self._report_lost(packet)
-                self._step(lane, packet, identity.stamp_ns)
-                self._answered = identity
-        self._send_answer()
+        if identity == self._seen:
+            self._send_answer()
+            return
+        self._seen = identity
+        for step in self._sensor.add(conversions.received_packet(packet)):
+            with self._lock:
+                self._step(lane, step.events, step.stamp_ns)
+                self._is_answered = True
+            self._send_answer()
 
-    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
+    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
         lane_state = None if lane is None else conversions.lane_state_from_message(lane)
-        if lane_state is not None and self._begins(lane_state.episode, lane_state.step):
-            self._controller.reset(controller_rng(self._settings.seed, lane_state.episode))
-        observation = Observation(stamp_ns, self._events(packet), lane_state)
-        self._answer.left, self._answer.right = self._controller.step(observation)
-        self._answer.header.stamp = packet.header.stamp
+        observation = Observation(stamp_ns, events, lane_state)
+        self._answer.left, self._answer.right = self._host.step(observation)
+        self._answer.header.stamp = conversions.to_time(stamp_ns)
         if self._states.get_subscription_count():
             self._publish_state(lane)
 
-    def _begins(self, episode: int, step: int) -> bool:
-        """Return whether this observation belongs to another episode than the last one."""
-        last, self._episode = self._episode, _Episode(episode, step)
-        return last is None or step <= last.last_step or episode != last.number
+    def _report_fault(self, reason: str) -> None:
+        self.get_logger().error(
+            f'event_camera/events: {reason}; taken as empty', throttle_duration_sec=1.0
+        )
 
-    def _events(self, packet: EventPacket) -> object:
-        try:
-            return conversions.events_from_packet(packet)
-        except PacketError as error:
-            self.get_logger().error(
-                f'event_camera/events: {error}; taken as empty', throttle_duration_sec=1.0
-            )
-            return no_events()
-
-    def _report_lost(self, packet: EventPacket) -> None:
-        lost = 0 if self._answered is None else packet.seq - self._answered.sequence - 1
-        if lost > 0:
-            self.get_logger().warning(
-                f'event_camera/events: {lost} packets were lost', throttle_duration_sec=1.0
-            )
+    def _report_lost(self, count: int) -> None:
+        self.get_logger().warning(
+            f'event_camera/events: {count} packets were lost', throttle_duration_sec=1.0
+        )
 
     def _send_answer(self) -> None:
         with self._lock:
             is_heard = self._wheels.get_subscription_count() >= self._settings.wait_for_subscribers
-            if self._answered is not None and is_heard:
+            if self._is_answered and is_heard:
                 self._wheels.publish(self._answer)
 
     def _publish_state(self, lane: LaneState | None) -> None:
@@ -202,4 +228,5 @@ def _warm_up(controller: Controller) -> None:
     conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
     lane = conversions.lane_state_from_message(LaneState())
     controller.reset(controller_rng(0, 0))
-    controller.step(Observation(STEP_NS, conversions.events_from_packet(packet), lane))
+    for step in Sensor(has_lane=True).add(conversions.received_packet(packet)):
+        controller.step(Observation(step.stamp_ns, step.events, lane))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+import time
 from typing import Any
 
 from event_camera_msgs.msg import EventPacket
@@ -13,10 +14,12 @@ from spikelane_msgs.msg import LaneState, Weights
 from spikelane_msgs.srv import Reset
 
 from spikelane_controllers.nodes.controller import ControllerNode
-from spikelane_controllers.registry import controller_class
-from spikelane_controllers.training import LearningController, Training, TrainingParameters
+from spikelane_controllers.registry import controller_class, training_class
+from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
+from spikelane_controllers.training import LearningController, Training
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
@@ -46,9 +49,16 @@ class LearningNode(ControllerNode):
             SpikelaneError: A parameter is not allowed, or a checkpoint cannot be read.
         """
         self._training: Training | None = None
+        self._scalars: ScalarLog | None = None
         self._first_stamp_ns: int | None = None
         self._observed = 0
         super().__init__(name)
+
+    def destroy_node(self) -> None:
+        """Stop answering."""
+        super().destroy_node()
+        if self._scalars is not None:
+            self._scalars.close()
 
     def _make_driver(self, name: str) -> Controller:
         self._weights = self.create_publisher(Weights, 'controller/weights', LATCHED)
@@ -60,7 +70,8 @@ class LearningNode(ControllerNode):
 
     def _wrap_driver(self, name: str, driver: LearningController) -> Controller:
         settings = declare_parameters(self, LearningNodeParameters)
-        parameters = declare_parameters(self, TrainingParameters)
+        cls = training_class(name)
+        parameters = declare_parameters(self, cls.parameters_class)
         self._publish_weights(driver, 0)
         if not driver.learning:
             return driver
@@ -74,12 +85,14 @@ class LearningNode(ControllerNode):
             name: driver.parameters.to_dict(),
             'save_every': parameters.save_every,
         }
-        checkpoint = Path(settings.output) / 'checkpoint.safetensors'
-        self._training = Training(name, driver, parameters, config, checkpoint)
+        folder = Path(settings.output)
+        checkpoint = folder / 'checkpoint.safetensors'
+        self._training = cls(name, driver, parameters, config, checkpoint)
         if settings.resume:
             self._training.resume()
         else:
             self._training.begin(self._settings.seed)
+        self._scalars = ScalarLog(folder / LOG_FOLDER, self._training, time.monotonic)
         return self._training
 
     def _start(self) -> None:
@@ -123,8 +136,8 @@ class LearningNode(ControllerNode):
     def _is_done(self) -> bool:
         return self._training is not None and self._training.is_done
 
-    def _step(self, lane: LaneState | None, packet: EventPacket, stamp_ns: int) -> None:
-        super()._step(lane, packet, stamp_ns)
+    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
+        super()._step(lane, events, stamp_ns)
         self._observed += 1
         if self._training is None:
             return
@@ -135,7 +148,9 @@ class LearningNode(ControllerNode):
             self._client.call_async(Reset.Request(lane='', seed=-1))
 
     def _publish_weights(self, driver: Any, stamp_ns: int) -> None:
-        weights_pa = driver.weights_pa
+        weights_pa = getattr(driver, 'weights_pa', None)
+        if weights_pa is None:  # too many to be looked at
+            return
         message = Weights(name='weights', shape=list(weights_pa.shape), unit='pA')
         message.header.stamp = conversions.to_time(stamp_ns)
         message.data = weights_pa.ravel().tolist()

@@ -25,6 +25,7 @@ setup(
         'console_scripts': [
             'spikelane = spikelane.main:main',
             'recorder = spikelane.nodes.recorder:main',
+            'replay = spikelane.nodes.replay:main',
             'viewer = spikelane.nodes.viewer:main',
         ],
     },

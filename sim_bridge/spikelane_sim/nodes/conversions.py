@@ -19,6 +19,7 @@ from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import Events
+from spikelane_sim.sensor import ReceivedPacket
 
 WORLD_FRAME = 'odom'
 BODY_FRAME = 'base_link'
@@ -50,6 +51,33 @@ def fill_event_packet(
     message.encoding = encoding
     # rclpy takes an array('B') as it is, but looks at every element of anything else.
     message.events = array('B', packet.data)
+
+
+def received_packet(message: EventPacket) -> ReceivedPacket:
+    """Return a packet's fields; its bytes stay where they are."""
+    return ReceivedPacket(
+        to_stamp_ns(message.header.stamp),
+        message.seq,
+        message.encoding,
+        memoryview(message.events),
+        message.time_base,
+        message.width,
+        message.height,
+        message.is_bigendian,
+    )
+
+
+def fill_received_packet(message: EventPacket, packet: ReceivedPacket) -> None:
+    """Put back what `received_packet` took out."""
+    message.header.stamp = to_time(packet.stamp_ns)
+    message.seq = packet.sequence
+    message.encoding = packet.encoding
+    # rclpy takes an array('B') as it is, but looks at every element of anything else.
+    message.events = array('B', bytes(packet.data))
+    message.time_base = packet.time_base_ns
+    message.width = packet.width
+    message.height = packet.height
+    message.is_bigendian = packet.is_bigendian
 
 
 def events_from_packet(message: EventPacket) -> Events:

@@ -18,7 +18,6 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.subscription import Subscription
 
 
@@ -103,11 +102,12 @@ class DirectSubscriptions:
             self._thread.join()
 
     def _run(self) -> None:
+        # A signal wakes the executor alone, whose thread then calls `stop`. A guard condition for
+        # signals of our own would have to be given up here, while rclpy may still be going
+        # through its list of them: the executor's, next in it, would be forgotten.
         context = self._node.context
-        signalled = SignalHandlerGuardCondition(context=context)
-        guards = (self._wake.handle, signalled.handle)
         count = len(self._subscriptions)
-        wait_set = _rclpy.WaitSet(count, len(guards), 0, 0, 0, 0, context.handle)
+        wait_set = _rclpy.WaitSet(count, 1, 0, 0, 0, 0, context.handle)
         try:
             while not self._stopping and context.ok():
                 wait_set.clear_entities()
@@ -115,8 +115,7 @@ class DirectSubscriptions:
                 for subscription, _ in self._subscriptions:
                     if needs_all or subscription not in self._companions:
                         wait_set.add_subscription(subscription.handle)
-                for guard in guards:
-                    wait_set.add_guard_condition(guard)
+                wait_set.add_guard_condition(self._wake.handle)
                 wait_set.wait(-1)
                 if context.ok():
                     self._handle()
@@ -126,8 +125,6 @@ class DirectSubscriptions:
             self._node.get_logger().fatal(traceback.format_exc())
             self._node.exit_status = 1
             context.try_shutdown()
-        finally:
-            signalled.destroy()
 
     def _handle(self) -> None:
         for subscription, handle in self._subscriptions:

@@ -14,6 +14,8 @@ from rclpy.node import Node
 
 from spikelane_sim.errors import SpikelaneError
 
+_LOOK_EVERY_S = 0.5  # whether a signal came
+
 
 class RunnableNode(Protocol):
     """A node that says how its process ends."""
@@ -42,7 +44,11 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     try:
         node = make_node()
         _warn_of_unknown_parameters(node)
-        rclpy.spin(node, executor)
+        executor.add_node(node)
+        while rclpy.ok():
+            # rclpy wakes the executor before it shuts down: one that is quick to look finds
+            # nothing changed, and would wait for ever.
+            executor.spin_once(timeout_sec=_LOOK_EVERY_S)
     except SpikelaneError as error:
         return _refuse(str(error))
     except ExternalShutdownException:

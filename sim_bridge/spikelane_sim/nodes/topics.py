@@ -49,8 +49,7 @@ class SimulatorTopics:
             simulator: Where the robot's state comes from.
             encoding: Of the event packets.
             depth: Messages kept for a subscriber that is late.
-            on_match: Called when a subscriber to the event packets or the lane state is met or
-                lost.
+            on_match: Called when a subscriber to the event packets is met or lost.
         """
         self._simulator = simulator
         self._encoding = encoding
@@ -59,7 +58,6 @@ class SimulatorTopics:
         self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
         publish = partial(self._publisher, node, QoSProfile(depth=depth))
-        matched = PublisherEventCallbacks(matched=lambda _: on_match())
         self._optional = (
             (publish(Clock, '/clock'), self._fill_clock),
             (publish(TFMessage, '/tf'), self._fill_tf),
@@ -68,16 +66,13 @@ class SimulatorTopics:
             (publish(Float64, 'lane/distance'), self._fill_distance),
             (publish(CameraInfo, 'event_camera/camera_info'), self._fill_camera_info),
             (publish(Image, 'event_camera/image_raw'), self._fill_image),
-            (
-                publish(LaneStateMessage, 'lane/state', event_callbacks=matched),
-                self._fill_lane_state,
-            ),
+            (publish(LaneStateMessage, 'lane/state'), self._fill_lane_state),
         )
         self._events = node.create_publisher(
             EventPacket,
             'event_camera/events',
             QoSProfile(depth=depth),
-            event_callbacks=matched,
+            event_callbacks=PublisherEventCallbacks(matched=lambda _: on_match()),
         )
         self._tf_static.publish(
             TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
@@ -127,8 +122,8 @@ class SimulatorTopics:
         self._lane.header.frame_id = conversions.WORLD_FRAME
 
     @staticmethod
-    def _publisher(node: Node, qos: QoSProfile, kind: type, topic: str, **others: Any) -> Any:
-        return node.create_publisher(kind, topic, qos, **others)
+    def _publisher(node: Node, qos: QoSProfile, kind: type, topic: str) -> Any:
+        return node.create_publisher(kind, topic, qos)
 
     @property
     def _robot(self) -> RobotState:

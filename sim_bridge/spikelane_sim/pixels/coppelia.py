@@ -3,9 +3,9 @@
 A pixel fires when its linear intensity I has changed by a tenth of its reference, |I - I_ref| >=
 0.1 I_ref, and then takes I as its new reference. A reference of 0 counts as 0.001 on the right
 side, so that black that stays black is silent. A pixel that does not fire keeps its reference:
-slow changes add up. At most one event per pixel and step, all at the step's end; neither noise
-nor refractory period. The comparison is made in float64, in which the difference of two float32
-intensities is exact.
+slow changes add up. At most one event per pixel and step, all at the step's end; no refractory
+period. Noise is ours, and off unless asked for. The comparison is made in float64, in which the
+difference of two float32 intensities is exact.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.events import EVENT_DTYPE, Events, no_events
+from spikelane_sim.events import EVENT_DTYPE, Events, make_events, no_events
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.pixels.images import (
     check_images,
@@ -25,6 +25,7 @@ from spikelane_sim.pixels.images import (
     no_reset,
     WORD_PIXELS,
 )
+from spikelane_sim.pixels.noise import draw_shot
 
 _SOURCE = "CoppeliaSim's DVS128 model, in the paper's scenes"
 
@@ -47,6 +48,13 @@ class CoppeliaParameters(Parameters):
         high=1.0,
         source=_SOURCE,
     )
+    noise_rate_hz: float = parameter(
+        0.0,
+        'Rate of noise events of each pixel, ON and OFF together; still at most one a step',
+        unit='Hz',
+        low=0.0,
+        high=1e3,
+    )
 
 
 class CoppeliaPixels:
@@ -67,11 +75,13 @@ class CoppeliaPixels:
         self.reference = np.zeros(width * height)
         self.change = np.zeros(width * height)
         self.has_seen: bool | None = None
+        self._rng: np.random.Generator | None = None
         self._fired = np.empty(width * height, EVENT_DTYPE)
         self._fired_bytes = self._fired.view(np.uint8)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget the image; nothing is drawn from rng, this model has no noise."""
+        """Forget the image; only noise is drawn from rng."""
+        self._rng = rng
         self.reference[:] = 0.0
         self.change[:] = 0.0
         self.has_seen = False
@@ -97,7 +107,25 @@ class CoppeliaPixels:
             self._fired,
         )
         # NumPy copies packed records field by field; their bytes it copies at once.
-        return self._fired_bytes[: number * EVENT_DTYPE.itemsize].copy().view(EVENT_DTYPE)
+        events = self._fired_bytes[: number * EVENT_DTYPE.itemsize].copy().view(EVENT_DTYPE)
+        if not self.parameters.noise_rate_hz:
+            return events
+        return self._with_noise(events, intensity, start_ns, end_ns)
+
+    def _with_noise(
+        self, events: Events, intensity: NDArray[np.float32], start_ns: int, end_ns: int
+    ) -> Events:
+        """Return the events and, of pixels that have none, noise; references do not move."""
+        assert self._rng is not None  # `step` has seen to it
+        step_us = (end_ns - start_ns) // 1000
+        noise = draw_shot(self._rng, self.parameters.noise_rate_hz, 1.0, intensity, 0, step_us)
+        fired = events['y'].astype(np.int64) * self.width + events['x']
+        pixels, first = np.unique(noise.pixel, return_index=True)
+        is_silent = ~np.isin(pixels, fired)
+        y_px, x_px = np.divmod(pixels[is_silent], self.width)
+        added = make_events(end_ns, x_px, y_px, noise.polarity[first[is_silent]])
+        order = np.argsort(np.concatenate([fired, pixels[is_silent]]))
+        return np.concatenate([events, added])[order]
 
     def _see_first(self, intensity: NDArray[np.float32]) -> None:
         self.reference[:] = intensity

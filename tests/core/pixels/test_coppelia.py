@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.events import check_events
 from spikelane_sim.pixels import CoppeliaParameters, CoppeliaPixels
 
 STEP_NS = 50_000_000
@@ -121,3 +122,48 @@ def test_more_than_one_image_is_refused() -> None:
     """The model has no times inside a step."""
     with pytest.raises(SpikelaneError, match=r'shape \(1, 1, 1\), got float32 of shape \(2, 1, 1'):
         pixels_of(1, 1).step(np.zeros((2, 1, 1), np.float32), 0, STEP_NS)
+
+
+def noisy_pixels(rate_hz: float, seed: int = 0) -> CoppeliaPixels:
+    """Return 100 x 50 pixels that have seen grey."""
+    pixels = CoppeliaPixels(CoppeliaParameters(noise_rate_hz=rate_hz), 100, 50)
+    pixels.reset(np.random.default_rng(seed))
+    first = pixels.step(np.full((1, 50, 100), 0.5, np.float32), 0, STEP_NS)
+    assert len(first) == 0
+    return pixels
+
+
+def test_noise_comes_at_its_rate_on_as_often_as_off() -> None:
+    """2 Hz of 5,000 pixels are 500 events in a step; one per pixel at most leaves 475.8."""
+    pixels, grey = noisy_pixels(2.0), np.full((1, 50, 100), 0.5, np.float32)
+    steps = [pixels.step(grey, n * STEP_NS, (n + 1) * STEP_NS) for n in range(1, 101)]
+    assert np.mean([len(events) for events in steps]) == pytest.approx(475.8, rel=0.01)
+    assert abs(np.mean(np.concatenate([events['polarity'] for events in steps]))) < 0.02
+    for n, events in enumerate(steps, 1):
+        check_events(events, 100, 50)
+        assert set(events['t'].tolist()) == {(n + 1) * STEP_NS}
+        places = events['y'] * 100 + events['x'].astype(int)
+        assert (np.diff(places) > 0).all()
+
+
+def test_noise_takes_no_event_away_and_moves_no_reference() -> None:
+    """What is seen is reported as without noise, whatever noise came before."""
+    noisy, quiet = noisy_pixels(20.0), noisy_pixels(0.0)
+    rng = np.random.default_rng(5)
+    for n in range(1, 6):
+        image = rng.choice(np.float32([0.45, 0.48, 0.5, 0.52, 0.6]), (1, 50, 100))
+        seen = quiet.step(image, n * STEP_NS, (n + 1) * STEP_NS)
+        events = noisy.step(image, n * STEP_NS, (n + 1) * STEP_NS)
+        assert 0 < len(seen) < len(events) < 5000
+        assert set(seen.tolist()) < set(events.tolist())
+    assert noisy.reference.tolist() == quiet.reference.tolist()
+
+
+def test_the_seed_determines_the_noise() -> None:
+    """Another one gives other events."""
+    grey = np.full((1, 50, 100), 0.5, np.float32)
+    first, same, other = (
+        noisy_pixels(2.0, seed).step(grey, STEP_NS, 2 * STEP_NS).tolist() for seed in (3, 3, 4)
+    )
+    assert first == same
+    assert first != other

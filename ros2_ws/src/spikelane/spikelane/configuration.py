@@ -77,20 +77,10 @@ def configure(
         SpikelaneError: Anything is unknown or not allowed.
     """
     cls = controller_class(controller).parameters_class
-    groups: dict[str, dict[str, Any]] = {
-        'simulator': {'course': scenario_course(scenario)},
-        controller: {},
-    }
-    for name, value in parameters.items():
-        group, _, rest = name.partition('.')
-        if group not in groups:
-            expected = ' or '.join(f'{group}.<name>' for group in groups)
-            raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
-        if name == 'simulator.course' and value != scenario_course(scenario):
-            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
-        groups[group][rest] = value
-    if not 0 <= seed < 2**63:
-        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
+    groups = parameter_groups(
+        parameters, {'simulator': {'course': scenario_course(scenario)}, controller: {}}
+    )
+    check_seed(seed)
     return {
         'scenario': scenario,
         'controller': controller,
@@ -99,3 +89,40 @@ def configure(
         'simulator': SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
         'controller_parameters': cls.from_mapping(groups[controller], controller),
     }
+
+
+def parameter_groups(
+    parameters: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Sort parameters by what they are of.
+
+    Args:
+        parameters: By name, `group.name`.
+        groups: What each group has already; a simulator's course is fixed by the scenario.
+
+    Returns:
+        All parameters of each group, under their names without the group's.
+
+    Raises:
+        ParameterError: There is no such group, or the course is another.
+    """
+    sorted_ = {group: dict(values) for group, values in groups.items()}
+    for name, value in parameters.items():
+        group, _, rest = name.partition('.')
+        if group not in sorted_:
+            expected = ' or '.join(f'{group}.<name>' for group in sorted_)
+            raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
+        if name == 'simulator.course' and value != sorted_[group]['course']:
+            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
+        sorted_[group][rest] = value
+    return sorted_
+
+
+def check_seed(seed: int) -> None:
+    """Check that all generators take a seed.
+
+    Raises:
+        ParameterError: They do not.
+    """
+    if not 0 <= seed < 2**63:
+        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')

@@ -13,6 +13,7 @@ EXECUTABLES = {
     'simulator': 'spikelane_sim',
     **dict.fromkeys(CONTROLLERS, 'spikelane_controllers'),
     'recorder': 'spikelane',
+    'replay': 'spikelane',
     'viewer': 'spikelane',
 }
 

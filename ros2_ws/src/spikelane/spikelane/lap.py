@@ -58,13 +58,21 @@ def make_config(
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    course_name = scenario_course(scenario)
-    if course_name in shipped_weights(controller):
-        parameters = {f'{controller}.checkpoint': course_name, **parameters}
+    parameters = {**default_weights(scenario, controller), **parameters}
     parts = configure(scenario, controller, seed, transport, parameters)
     course = load_course(parts['simulator'].course)
     lane = course.lane(lane).name if lane else next(iter(course.lanes))
     return LapConfig(lane=lane, **parts)
+
+
+def default_weights(scenario: str, controller: str) -> dict[str, Any]:
+    """Return the parameter that gives a controller the weights shipped for a scenario, if any.
+
+    Raises:
+        SpikelaneError: There is no such scenario.
+    """
+    name = scenario_course(scenario)
+    return {f'{controller}.checkpoint': name} if name in shipped_weights(controller) else {}
 
 
 def drive_lap(config: LapConfig, show: Show) -> DrivenLap:

@@ -16,6 +16,11 @@ from spikelane_sim.errors import SpikelaneError
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
+    'transfer': 'teach a spiking network the policy of a trained Q-network',
+    'export': 'write a spiking network in a format that others read',
+    'replay': 'let a controller answer a recorded drive, and compare',
+    'evaluate': 'measure a controller over laps and seeds',
+    'experiment': 'do all runs that a file describes',
     'view': 'show in the browser what a robot does',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',

@@ -6,6 +6,9 @@
         trajectory.csv  one row per step
         episodes.csv    one row per episode of a training
         checkpoint.*    what a training stands at
+        states.zst      states met in a training of the deep Q-network
+        tensorboard/    its log
+        laps/           of an evaluation, a folder of each lap
         metrics.json    what came out
         figures/        drawn from the above
 
@@ -20,6 +23,7 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import itertools
+import json
 from pathlib import Path
 import platform
 from typing import Any
@@ -27,7 +31,7 @@ from typing import Any
 from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
-VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet')
+VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
 
 
 class RunFolderError(FileError):
@@ -98,6 +102,11 @@ class RunFolder:
         return self.path / 'episodes.csv'
 
     @property
+    def laps(self) -> Path:
+        """Folder of an evaluation's laps, each a folder of its own."""
+        return self.path / 'laps'
+
+    @property
     def metrics(self) -> Path:
         """JSON: what came out."""
         return self.path / 'metrics.json'
@@ -111,14 +120,60 @@ class RunFolder:
         """Write `config.yaml`: the values, then the versions of what computed with them."""
         write_yaml(self.config, {**values, 'versions': versions()})
 
+    def check_config(self, values: Mapping[str, Any]) -> None:
+        """Check that the folder is of a run with this configuration, of whatever versions.
+
+        Raises:
+            RunFolderError: It is of no run, or of another one.
+        """
+        import yaml
+
+        try:
+            found = yaml.safe_load(self.config.read_text('utf-8'))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError):
+            raise RunFolderError(f"{self.path}: expected a run's folder, got none") from None
+        wanted = dict(values)
+        given = dict(found) if isinstance(found, Mapping) else {}
+        given.pop('versions', None)
+        for name in (*wanted, *given):
+            if given.get(name) != wanted.get(name):
+                where, expected, got = first_difference(name, wanted.get(name), given.get(name))
+                raise RunFolderError(
+                    f'{self.path}: expected a run with {where} {expected}, got one with {got}'
+                )
+
     def write_metrics(self, values: Mapping[str, Any]) -> None:
         """Write `metrics.json`."""
         write_json(self.metrics, values)
+
+    def read_metrics(self) -> dict[str, Any]:
+        """Read `metrics.json`.
+
+        Raises:
+            FileError: It is not there, or not JSON.
+        """
+        try:
+            return dict(json.loads(self.metrics.read_text('utf-8')))
+        except (OSError, ValueError, TypeError) as error:
+            raise FileError(f'{self.metrics}: expected metrics, got none: {error}') from None
+
+    def write_json(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write another JSON file into the folder."""
+        write_json(self.path / name, values)
 
 
 def lap_name(scenario: str | int, controller: str, lane: str, seed: int) -> str:
     """Return the usual name of the folder of one lap."""
     return f'lap-{scenario}-{controller}-{lane}-seed{seed}'
+
+
+def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
+    """Return where two values differ, down to a name in mappings, and either's value there."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in (*one, *other):
+            if one.get(key) != other.get(key):
+                return first_difference(f'{name}.{key}', one.get(key), other.get(key))
+    return name, one, other
 
 
 def versions() -> dict[str, str | None]:

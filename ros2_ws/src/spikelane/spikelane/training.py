@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
 import csv
 import dataclasses
 import io
 from pathlib import Path
-from typing import Any, cast, TYPE_CHECKING
+import time
+from typing import Any, cast, NamedTuple, TYPE_CHECKING
 
 from spikelane.configuration import Configuration, configure
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
-from spikelane_controllers.registry import make_controller
+from spikelane_controllers.registry import make_controller, training_class
+from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
+from spikelane_controllers.states import read_states
 from spikelane_controllers.training import (
     LearningController,
+    PlasticTraining,
     Termination,
     Training,
     TrainingParameters,
@@ -26,14 +31,24 @@ from spikelane_sim.files import write_text_atomically
 from spikelane_sim.simulator import Simulator
 
 if TYPE_CHECKING:
+    from spikelane_controllers.dqn_training import DqnTraining
     from spikelane_controllers.rstdp import RStdpParameters
 
-#: What training differs in from driving a lap (paper section 4.4).
-TRAINING_DEFAULTS = {
-    'simulator.episode.max_distance_m': 0.2,
-    'simulator.episode.max_laps': 1,
-    'rstdp.learning': True,
-    'rstdp.checkpoint': '',
+#: What training differs in from driving a lap, by controller (paper sections 3.4 and 4.4).
+TRAINING_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    'rstdp': {
+        'simulator.episode.max_distance_m': 0.2,
+        'simulator.episode.max_laps': 1,
+        'rstdp.learning': True,
+        'rstdp.checkpoint': '',
+    },
+    'dqn': {
+        'simulator.episode.max_distance_m': 0.5,
+        'simulator.episode.max_laps': 0,
+        'simulator.episode.max_steps': 10_000,  # 1,000 actions
+        'dqn.learning': True,
+        'dqn.checkpoint': '',
+    },
 }
 
 
@@ -54,15 +69,25 @@ def make_config(
     seed: int,
     transport: str,
     parameters: Mapping[str, Any],
-    steps: int,
+    steps: int | None = None,
 ) -> TrainConfig:
-    """Make the configuration of a training: see `configure`; `steps` are those to drive.
+    """Make the configuration of a training: see `configure`.
+
+    Args:
+        scenario: As in Configuration.
+        controller: As in Configuration, one that learns.
+        seed: As in Configuration.
+        transport: As in Configuration.
+        parameters: Others than the defaults of training.
+        steps: To drive, as the controller's training counts them; None for as many as usual.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    parts = configure(scenario, controller, seed, transport, TRAINING_DEFAULTS | dict(parameters))
-    return TrainConfig(training=TrainingParameters(steps=steps), **parts)
+    cls = training_class(controller).parameters_class
+    parameters = {**TRAINING_DEFAULTS[controller], **parameters}
+    parts = configure(scenario, controller, seed, transport, parameters)
+    return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
 
 
 def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
@@ -72,7 +97,7 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
         SpikelaneError: There is no checkpoint to resume from, or of another training.
     """
     values = config.controller_parameters.to_dict()
-    training = Training(
+    training = training_class(config.controller)(
         config.controller,
         cast(LearningController, make_controller(config.controller, values)),
         config.training,
@@ -99,7 +124,8 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
         SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
     """
     training = make_training(config, folder, resume=resume)
-    with Simulator(config.simulator) as simulator:
+    scalars = ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    with contextlib.closing(scalars), Simulator(config.simulator) as simulator:
         lane, episode = training.start
         observation = simulator.reset(lane, config.seed, episode=episode)
         while not training.is_done:
@@ -113,24 +139,25 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
     return training
 
 
+class Report(NamedTuple):
+    """What the training of one kind of controller leaves beside what all leave."""
+
+    metrics: dict[str, Any]
+    columns: list[dict[str, Any]]  # of each episode, beside those of its termination
+    figures: tuple[Path, ...]
+
+
 def report_training(
     config: TrainConfig, training: Training, folder: RunFolder, wall_time_s: float | None
 ) -> dict[str, Any]:
-    """Write the terminations, metrics and figures of a training.
+    """Write the episodes, metrics and figures of a training.
 
     Returns:
         The metrics and where everything is, ready for JSON.
     """
-    from spikelane.figures.terminations import draw_terminations
-    from spikelane.figures.weights import draw_weights
-
-    _write_episodes(training.terminations, folder.episodes)
-    course = load_course(config.simulator.course)
     title = f'{config.controller}, scenario {config.scenario}, seed {config.seed}'
-    figures = [
-        *draw_weights(training, _encoding(config), folder.figures / 'weights', title),
-        *draw_terminations(training, course, folder.figures / 'terminations', title),
-    ]
+    report = _REPORTS[config.controller](config, training, folder, title)
+    _write_episodes(training.terminations, report.columns, folder.episodes)
     result = {
         'scenario': config.scenario,
         'controller': config.controller,
@@ -140,14 +167,46 @@ def report_training(
         'pixels': config.simulator.pixels.model,
         'antialias': config.simulator.camera.antialias,
         **training_metrics(training),
-        'braitenberg_correlation': _braitenberg_correlation(config, training),
+        **report.metrics,
         'wall_time_s': wall_time_s,
         'folder': str(folder.path),
         'checkpoint': str(folder.checkpoint),
-        'figures': [str(figure) for figure in figures],
+        'figures': [str(figure) for figure in report.figures],
     }
     folder.write_metrics(result)
     return result
+
+
+def _report_plastic(
+    config: TrainConfig, training: Training, folder: RunFolder, title: str
+) -> Report:
+    from spikelane.figures.terminations import draw_terminations
+    from spikelane.figures.weights import draw_weights
+
+    watched = cast(PlasticTraining, training)
+    course = load_course(config.simulator.course)
+    figures = (
+        *draw_weights(watched, _encoding(config), folder.figures / 'weights', title),
+        *draw_terminations(training, course, folder.figures / 'terminations', title),
+    )
+    metrics = {'braitenberg_correlation': _braitenberg_correlation(config, watched)}
+    return Report(metrics, [{} for _ in training.terminations], figures)
+
+
+def _report_dqn(config: TrainConfig, training: Training, folder: RunFolder, title: str) -> Report:
+    from spikelane.dqn_results import dqn_metrics, episode_columns
+    from spikelane.figures.episodes import draw_episodes
+    from spikelane.figures.state_images import draw_state_images
+
+    learnt = cast('DqnTraining', training)
+    lanes = tuple(load_course(config.simulator.course).lanes)
+    figures = draw_episodes(learnt, lanes, folder.figures / 'episodes', title)
+    if len(states := read_states(folder.path)):
+        figures += draw_state_images(states, folder.figures / 'state_images', title)
+    return Report(dqn_metrics(learnt), episode_columns(learnt.outcomes), figures)
+
+
+_REPORTS = {'rstdp': _report_plastic, 'dqn': _report_dqn}
 
 
 def training_metrics(training: Training) -> dict[str, Any]:
@@ -182,7 +241,7 @@ def _encoding(config: TrainConfig) -> EncodingParameters:
 
 
 def _braitenberg_correlation(
-    config: TrainConfig, training: Training
+    config: TrainConfig, training: PlasticTraining
 ) -> dict[str, float | None] | None:
     """Compare the weights with those set by hand; None where the inputs are others."""
     from spikelane.figures.weights import weights_correlation
@@ -199,9 +258,13 @@ def _identity(config: TrainConfig) -> dict[str, Any]:
     return {**values, 'save_every': config.training.save_every}
 
 
-def _write_episodes(terminations: list[Termination], path: Path) -> None:
+def _write_episodes(
+    terminations: list[Termination], columns: list[dict[str, Any]], path: Path
+) -> None:
+    names = [*Termination._fields, *(columns[0] if columns else ())]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(Termination._fields)
-    writer.writerows(terminations)
+    writer.writerow(names)
+    for termination, others in zip(terminations, columns, strict=True):
+        writer.writerow([*termination, *others.values()])
     write_text_atomically(path, text.getvalue())

@@ -119,6 +119,7 @@ class StoredMetadata(NamedTuple):
     file_names: tuple[str, ...]
     message_count: int
     custom_data: dict[str, str]
+    compression_mode: str = ''  # file or message, of rosbag2 itself; '' where MCAP compresses
 
 
 def qos_text(profiles: Sequence[QosProfile]) -> str:
@@ -161,10 +162,16 @@ def parse_metadata(text: str, where: str) -> StoredMetadata:
             file_names=tuple(str(name) for name in information['relative_file_paths']),
             message_count=int(information.get('message_count', 0)),
             custom_data=_texts(information.get('custom_data') or {}),
+            compression_mode=_mode(information.get('compression_mode')),
         )
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BagError(f'{where}: expected the metadata of a rosbag2 bag, got: {reason}') from None
+
+
+def _mode(mode: object) -> str:
+    text = str(mode or '').lower()
+    return '' if text == 'none' else text
 
 
 def _texts(mapping: Mapping[Any, Any]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 from pathlib import Path
 import re
@@ -14,6 +14,8 @@ import yaml
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.lap import Show
+from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 
 _SHOWN_EVERY_STEPS = 100
@@ -21,13 +23,13 @@ _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
 
 
 def add_configuration_arguments(
-    parser: argparse.ArgumentParser, *, transport: str = 'ros', out: str = 'runs/lap-...'
+    parser: argparse.ArgumentParser, *, transport: str | None = 'ros', out: str = 'runs/lap-...'
 ) -> None:
     """Declare the arguments that determine a run.
 
     Args:
         parser: Of the command.
-        transport: The default.
+        transport: The default, None where there is no choice.
         out: The usual folder, as people are told.
     """
     parser.add_argument(
@@ -36,13 +38,8 @@ def add_configuration_arguments(
         help="the paper's 1, 2 or 3, or the path of a course file (default: 1)",
     )
     parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
-    parser.add_argument(
-        '--transport',
-        default=transport,
-        choices=TRANSPORTS,
-        help='as processes of a ROS graph, a lap recorded; or within this process '
-        f'(default: {transport})',
-    )
+    if transport is not None:
+        _add_transport_argument(parser, transport)
     parser.add_argument(
         '--robot',
         choices=('pybullet', 'kinematic'),
@@ -56,12 +53,8 @@ def add_configuration_arguments(
         action=argparse.BooleanOptionalAction,
         help="smooth the camera image's edges (default: no)",
     )
-    parser.add_argument(
-        '--param',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='any other parameter: simulator.camera.fov_deg=90, braitenberg.steering.v_max=2.0',
+    add_parameter_arguments(
+        parser, example='simulator.camera.fov_deg=90, braitenberg.steering.v_max=2.0'
     )
     parser.add_argument(
         '--out',
@@ -72,24 +65,90 @@ def add_configuration_arguments(
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
+def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) -> None:
+    """Declare `--param`, which `parse_parameters` reads."""
+    parser.add_argument(
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'any other parameter: {example}',
+    )
+
+
+def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        '--transport',
+        default=default,
+        choices=TRANSPORTS,
+        help='as processes of a ROS graph, a lap recorded; or within this process '
+        f'(default: {default})',
+    )
+
+
+def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare which controller drives, and with which weights."""
+    parser.add_argument(
+        '--controller',
+        default='braitenberg',
+        choices=CONTROLLERS,
+        help='what drives (default: braitenberg)',
+    )
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training left, or a checkpoint in it; for controllers that learn '
+        '(default: the weights shipped for the scenario, else those for scenario 1)',
+    )
+
+
+def given_weights(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given checkpoint is.
+
+    Raises:
+        ParameterError: The controller has no weights to learn.
+    """
+    if options.checkpoint is None:
+        return {}
+    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
+    if 'checkpoint' not in known:
+        raise ParameterError(
+            f'--checkpoint: expected a controller that learns, got {options.controller}'
+        )
+    # The nodes need not run in this folder.
+    path = str(Path(options.checkpoint).absolute())
+    is_shipped = options.checkpoint in shipped_weights(options.controller)
+    return {f'{options.controller}.checkpoint': options.checkpoint if is_shipped else path}
+
+
 def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that were given under dotted names.
 
     Raises:
         ParameterError: One cannot be read.
     """
-    parameters = {}
-    for text in options.param:
-        name, equals, value = text.partition('=')
-        if not equals:
-            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
-        parameters[name] = _value(name, value)
     flags = {
         'simulator.robot.model': options.robot,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }
-    return parameters | {name: value for name, value in flags.items() if value is not None}
+    given = {name: value for name, value in flags.items() if value is not None}
+    return parse_parameters(options.param) | given
+
+
+def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return parameters from texts like NAME=VALUE.
+
+    Raises:
+        ParameterError: One cannot be read.
+    """
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
+        parameters[name] = _value(name, value)
+    return parameters
 
 
 def _value(name: str, text: str) -> Any:
@@ -103,18 +162,21 @@ def _value(name: str, text: str) -> Any:
 
 
 @contextlib.contextmanager
-def progress(is_quiet: bool) -> Iterator[Show]:
-    """Give what shows progress to people: on one line of a terminal's standard error."""
+def progress(is_quiet: bool, unit: str = 'm') -> Iterator[Show]:
+    """Give what shows progress to people: on one line of a terminal's standard error.
+
+    It is called with steps and how far they have led, in the unit.
+    """
     if is_quiet or not sys.stderr.isatty():
-        yield lambda step, progress_m: None
+        yield lambda step, progress: None
         return
     due = 0
 
-    def show(step: int, progress_m: float) -> None:
+    def show(step: int, progress: float) -> None:
         nonlocal due
         if step >= due:
             due = step + _SHOWN_EVERY_STEPS
-            print(f'\r{step:6d} steps, {progress_m:5.1f} m ', end='', file=sys.stderr)
+            print(f'\r{step:6d} steps, {progress:5.1f} {unit} ', end='', file=sys.stderr)
 
     try:
         yield show

@@ -69,12 +69,19 @@ def _plasticity() -> Result:
     return measure_plasticity()
 
 
+def _dqn() -> Result:
+    from spikelane.bench.dqn import measure_dqn
+
+    return measure_dqn()
+
+
 BENCHMARKS: Mapping[str, Benchmark] = {
     'closed-loop-pybullet': Benchmark(_pybullet, 'steps_per_s', 1500, True, 'steps/s'),
     'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
     'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
     'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST', by_default=False),
+    'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),
     'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
 }
 

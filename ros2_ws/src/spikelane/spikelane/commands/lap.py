@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from spikelane.commands.arguments import (
     add_configuration_arguments,
+    add_controller_arguments,
     given_parameters,
+    given_weights,
     progress,
 )
 from spikelane.lap import (
@@ -22,25 +23,12 @@ from spikelane.lap import (
     Show,
 )
 from spikelane.run_folder import RunFolder
-from spikelane_controllers.registry import controller_class, CONTROLLERS
-from spikelane_controllers.weights import shipped_weights
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.errors import SpikelaneError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument(
-        '--controller',
-        default='braitenberg',
-        choices=CONTROLLERS,
-        help='what drives (default: braitenberg)',
-    )
-    parser.add_argument(
-        '--checkpoint',
-        metavar='DIR',
-        help='folder that a training left, or a checkpoint in it; for controllers that learn '
-        '(default: the weights shipped for the scenario, else those for scenario 1)',
-    )
+    add_controller_arguments(parser)
     parser.add_argument('--lane', help="outer or inner (default: the course's first, outer)")
     add_configuration_arguments(parser)
 
@@ -60,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
         options.lane,
         options.seed,
         options.transport,
-        given_parameters(options) | weights_parameter(options),
+        given_parameters(options) | given_weights(options),
     )
     folder = make_folder(config, options.out)
     with progress(options.json) as show:
@@ -68,21 +56,6 @@ def run(options: argparse.Namespace) -> int:
     result = report_lap(config, driven, folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0 if result['completed'] else 1
-
-
-def weights_parameter(options: argparse.Namespace) -> dict[str, str]:
-    """Return the parameter that a given checkpoint is."""
-    if options.checkpoint is None:
-        return {}
-    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
-    if 'checkpoint' not in known:
-        raise ParameterError(
-            f'--checkpoint: expected a controller that learns, got {options.controller}'
-        )
-    # The nodes need not run in this folder.
-    path = str(Path(options.checkpoint).absolute())
-    is_shipped = options.checkpoint in shipped_weights(options.controller)
-    return {f'{options.controller}.checkpoint': options.checkpoint if is_shipped else path}
 
 
 def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:

@@ -12,20 +12,28 @@ from spikelane.commands.arguments import add_configuration_arguments, given_para
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, report_training, train, TrainConfig
-from spikelane_controllers.training import Training, TrainingParameters
-from spikelane_sim.errors import SpikelaneError
+from spikelane_controllers.registry import training_class, TRAININGS
+from spikelane_controllers.training import Training
+from spikelane_sim.errors import ParameterError, SpikelaneError
 
-LEARNING = ('rstdp',)
+
+def _usual_steps() -> str:
+    """Return what --steps are and how many are usual, in words."""
+    rstdp, dqn = (training_class(name).parameters_class.steps for name in ('rstdp', 'dqn'))
+    return (
+        f'steps to drive: for rstdp of 50 ms each (default: {rstdp}), for dqn of one action, '
+        f'10 times as long, each (default: {dqn})'
+    )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('controller', choices=LEARNING, help='what learns')
+    parser.add_argument('controller', choices=TRAININGS, help='what learns')
+    parser.add_argument('--steps', type=int, help=_usual_steps())
     parser.add_argument(
-        '--steps',
-        type=int,
-        default=TrainingParameters.steps,
-        help=f'steps of 50 ms to drive (default: {TrainingParameters.steps})',
+        '--device',
+        choices=('cpu', 'cuda'),
+        help='where the Q-network learns, for dqn (default: cpu)',
     )
     parser.add_argument(
         '--resume',
@@ -49,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         options.controller,
         options.seed,
         options.transport,
-        given_parameters(options),
+        given_parameters(options) | _device(options),
         options.steps,
     )
     folder = _folder(config, options.out, options.resume)
@@ -62,6 +70,15 @@ def run(options: argparse.Namespace) -> int:
     result = report_training(config, training, folder, wall_time_s)
     print(json.dumps(result) if options.json else _summary(result))
     return 0
+
+
+def _device(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given device is."""
+    if options.device is None:
+        return {}
+    if options.controller != 'dqn':
+        raise ParameterError(f'--device: expected the controller dqn, got {options.controller}')
+    return {'dqn.q_learning.device': options.device}
 
 
 def _folder(config: TrainConfig, out: Path | None, resume: bool) -> RunFolder:
@@ -90,13 +107,24 @@ def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> 
 
 def _summary(result: dict[str, Any]) -> str:
     """Return the results for people, one line each."""
-    laps = ', '.join(f'{count} {lane}' for lane, count in result['laps_since'].items()) or 'none'
     lines = {
         'steps': f'{result["steps"]}',
         'lane lost': f'{result["lane_losses"]} times, the last at step '
         f'{result["last_lane_loss_step"]}',
-        'laps since': laps,
+        **(_full_episodes(result) if result['controller'] == 'dqn' else _laps(result)),
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),
     }
     return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
+
+
+def _laps(result: dict[str, Any]) -> dict[str, str]:
+    laps = ', '.join(f'{count} {lane}' for lane, count in result['laps_since'].items())
+    return {'laps since': laps or 'none'}
+
+
+def _full_episodes(result: dict[str, Any]) -> dict[str, str]:
+    solved = 'no three in a row on both lanes'
+    if result['solved_at'] is not None:
+        solved = f'three in a row on both lanes from step {result["solved_at"]}'
+    return {'full episodes': f'{result["full_episodes"]}, {solved}'}

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from pathlib import Path
 import signal
 import sys
 import time
+from typing import Any
 
 from spikelane.commands.arguments import (
     add_configuration_arguments,
     given_parameters,
+    given_weights,
     progress,
 )
-from spikelane.commands.lap import weights_parameter
-from spikelane.commands.train import LEARNING
 from spikelane.executables import find_executable
-from spikelane.lap import make_config, make_folder, report_lap
+from spikelane.lap import LapConfig, make_config, make_folder, report_lap
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_training_config
-from spikelane.training import report_training
+from spikelane.training import report_training, TrainConfig
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
-from spikelane_controllers.registry import CONTROLLERS
-from spikelane_controllers.training import TrainingParameters
+from spikelane_controllers.registry import CONTROLLERS, TRAININGS
 from spikelane_sim.errors import ParameterError, SpikelaneError
 
 _CHECK_PERIOD_S = 0.2
@@ -49,8 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps',
         type=int,
-        default=TrainingParameters.steps,
-        help=f'of 50 ms, to learn for (default: {TrainingParameters.steps})',
+        help='to learn for, as of `spikelane train` (default: the usual)',
     )
     parser.add_argument(
         '--once', action='store_true', help='end when the robot has driven, not on Ctrl-C'
@@ -84,16 +83,14 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError('--domain, --namespace: expected no --controller beside them')
     if options.transport != 'ros':
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
-    if options.train and options.controller not in LEARNING:
-        raise ParameterError(
-            f'--train: expected one of {", ".join(LEARNING)}, got {options.controller}'
-        )
     try:
         with ViewerServer(options.port, options.data_port) as server:
-            print(f'open {server.url} in a browser', flush=True)
-            _drive(options, server)
+            print(f'open {server.url} in a browser', file=sys.stderr)
+            result = _drive(options, server)
+            said = json.dumps(result) if options.json else f'results: {result["folder"]}'
+            print(said, flush=True)
             if not options.once:
-                print('the lap can be played there again; end with Ctrl-C', flush=True)
+                print('all of it can be played there again; Ctrl-C ends', file=sys.stderr)
                 while True:
                     server.check()
                     time.sleep(_CHECK_PERIOD_S)
@@ -131,11 +128,36 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     viewer = {'server': server.address}
     with progress(options.json) as show:
         if options.train:
-            config = training_config(options)
-            folder = training_folder(config, options.out, resume=False)
+            config = _training_config(options)
+            folder = RunFolder.create(options.out or _usual_folder(config), numbered=not options.out)
+            folder.write_config(config.to_dict())
             training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
             return report_training(config, training, folder, None)
-        config = lap_config(options)
-        folder = make_folder(config, options.out)
-        driven = drive_lap_over_ros(config, folder, show, viewer)
-        return report_lap(config, driven, folder)
+        lap = _lap_config(options)
+        folder = make_folder(lap, options.out)
+        return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
+
+
+def _lap_config(options: argparse.Namespace) -> LapConfig:
+    parameters = given_parameters(options) | given_weights(options)
+    return make_config(
+        options.scenario, options.controller, options.lane, options.seed, 'ros', parameters
+    )
+
+
+def _training_config(options: argparse.Namespace) -> TrainConfig:
+    if options.controller not in TRAININGS:
+        expected = ', '.join(TRAININGS)
+        raise ParameterError(f'--train: expected one of {expected}, got {options.controller}')
+    return make_training_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        'ros',
+        given_parameters(options),
+        options.steps,
+    )
+
+
+def _usual_folder(config: TrainConfig) -> Path:
+    return Path('runs', f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}')

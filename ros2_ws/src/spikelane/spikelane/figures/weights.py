@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.figures import style
-from spikelane_controllers.training import Training
+from spikelane_controllers.training import PlasticTraining
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.errors import SpikelaneError
@@ -42,7 +42,7 @@ _HATCHED: dict[str, Any] = {
 
 
 def draw_weights(
-    training: Training, encoding: EncodingParameters, path: Path, title: str = ''
+    training: PlasticTraining, encoding: EncodingParameters, path: Path, title: str = ''
 ) -> tuple[Path, ...]:
     """Draw the weights of two motor neurons: as they are now, and over the training.
 
@@ -135,7 +135,9 @@ def _saw_events(weights_pa: NDArray[Any], initial_pa: NDArray[Any]) -> NDArray[n
     return seen
 
 
-def _weights_over_steps(training: Training) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+def _weights_over_steps(
+    training: PlasticTraining,
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Return the steps and the weights then, (n, 2, n_inputs), the present ones included."""
     history = list(training.weight_history)
     steps = [index * training.parameters.save_every for index in range(len(history))]
@@ -145,7 +147,7 @@ def _weights_over_steps(training: Training) -> tuple[NDArray[np.int64], NDArray[
     return np.array(steps), np.stack(history)
 
 
-def _weights_in_words(training: Training, encoding: EncodingParameters) -> str:
+def _weights_in_words(training: PlasticTraining, encoding: EncodingParameters) -> str:
     words = f'weights after {training.steps:,} steps'
     if encoding != EncodingParameters():
         return words

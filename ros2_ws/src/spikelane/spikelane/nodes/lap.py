@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import json
 import time
 from typing import Any
 
@@ -116,7 +117,12 @@ def node_parameters(
         'recorder': {
             'output': str(folder.bag.absolute()),
             'topics': list(TOPICS),
-            'custom_data': [f'seed={config.seed}', f'controller={config.controller}'],
+            'custom_data': [
+                f'seed={config.seed}',
+                f'controller={config.controller}',
+                f'scenario={config.scenario}',
+                f'parameters={json.dumps(config.controller_parameters.to_dict())}',
+            ],
         },
     }
 

@@ -50,8 +50,10 @@ def train_over_ros(
 
         def show_progress() -> None:
             values = supervisor.values
-            steps = begun.steps + int(values.get('steps', 0))
-            show(steps, float(values.get('progress_m', 0.0)))
+            show(
+                begun.steps_after(int(values.get('steps', 0))),
+                float(values.get('progress_m', 0.0)),
+            )
 
         supervisor.watch(
             lambda quiet_s: processes.statuses()[config.controller] is not None,

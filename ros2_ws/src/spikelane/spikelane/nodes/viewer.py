@@ -36,7 +36,7 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As many arrays as a controller may have, each with a name of its own.
 WEIGHTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-_NICENESS = 10
+_NICENESS = 5
 _ASKING_PERIOD_S = 0.5
 
 

@@ -30,9 +30,10 @@ if TYPE_CHECKING:
 TIMELINE = 'simulation'
 
 _ROAD_RGB, _PAINT_RGB = (104, 114, 125), (255, 255, 255)
+_DARK, _BLACK = (32, 38, 45), (0, 0, 0)  # behind the course, where markings are white; the camera
 _ROBOT_RGB, _PATH_RGB = (240, 228, 66), (86, 180, 233)
 _OUTLINE_STEP_M = 0.05
-_MARKING_M, _PATH_M, _ROBOT_M = 0.01, 0.02, 0.05  # radii of lines
+_MARKING_M, _PATH_M, _ROBOT_M = 0.015, 0.03, 0.06  # radii of lines
 _ROBOT_LENGTH_M = 0.45
 _LEG_M = 0.25  # of the path, until it is sent again
 _STRIDE_M = 0.02  # between the points of the path
@@ -203,13 +204,15 @@ def _blueprint() -> Any:
     return views.Blueprint(
         views.Horizontal(
             views.Vertical(
-                views.Spatial2DView(origin='course', name='Course'),
+                views.Spatial2DView(origin='course', name='Course', background=_DARK),
                 views.TimeSeriesView(origin='lane', name='Distance from the lane centre [m]'),
                 row_shares=[2, 1],
             ),
             views.Vertical(
-                views.Spatial2DView(origin='camera/image', name='Camera image'),
-                views.Spatial2DView(origin='camera/events', name='Events of a step'),
+                views.Spatial2DView(origin='camera/image', name='Camera image', background=_BLACK),
+                views.Spatial2DView(
+                    origin='camera/events', name='Events of a step', background=_BLACK
+                ),
             ),
             views.Vertical(
                 views.TimeSeriesView(origin='controller/spikes', name='Spikes of a step'),

@@ -1,0 +1,68 @@
+"""Parameters of the deep Q-network controller and of its learning; the paper's are the default."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from spikelane_controllers.q_network import QNetworkParameters
+from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.task import DecisionParameters
+
+_TABLE = 'table "DQN parameters"'
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class QLearningParameters(Parameters):
+    """How the network learns. Steps are those of actions."""
+
+    discount: float = parameter(0.99, 'Discount factor.', low=0.0, high=1.0, source=_TABLE)
+    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, source=_TABLE)
+    batch_size: int = parameter(32, 'Transitions of an update.', low=1, source=_TABLE)
+    update_every: int = parameter(4, 'Steps between updates.', low=1, source=_TABLE)
+    soft_update: float = parameter(
+        0.001,
+        'Part of the way that the target network goes to the network after an update.',
+        low=0.0,
+        high=1.0,
+        source=_TABLE,
+    )
+    buffer_size: int = parameter(5000, 'Last transitions kept.', low=1, source=_TABLE)
+    random_steps: int = parameter(
+        1000, 'Steps before the first update, with random actions.', low=0, source=_TABLE
+    )
+    annealing_steps: int = parameter(
+        49_000,
+        "Steps after them in which exploration falls (99000 in the authors' program).",
+        low=1,
+        source=_TABLE,
+    )
+    exploration_start: float = parameter(
+        1.0, 'Probability of a random action at first.', low=0.0, high=1.0, source=_TABLE
+    )
+    exploration_end: float = parameter(
+        0.1, 'Probability of a random action at last.', low=0.0, high=1.0, source=_TABLE
+    )
+    device: str = parameter('cpu', 'Where updates are computed.', choices=('cpu', 'cuda'))
+
+    def exploration_rate(self, steps: int) -> float:
+        """Return the probability of a random action after so many steps (section 3.4)."""
+        progress = (steps - self.random_steps) / self.annealing_steps
+        fall = self.exploration_start - self.exploration_end
+        return self.exploration_start - fall * min(max(progress, 0.0), 1.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DqnParameters(Parameters):
+    """The deep Q-network controller."""
+
+    learning: bool = parameter(False, 'Whether it explores and learns; otherwise it is greedy.')
+    checkpoint: str = parameter(
+        'scenario_1',
+        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        'checkpoint, or empty for untrained ones.',
+    )
+    image: StateImageParameters = nested(StateImageParameters)
+    task: DecisionParameters = nested(DecisionParameters)
+    network: QNetworkParameters = nested(QNetworkParameters)
+    q_learning: QLearningParameters = nested(QLearningParameters)

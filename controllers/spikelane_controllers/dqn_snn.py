@@ -1,0 +1,126 @@
+"""The DQN-SNN controller: the policy of a deep Q-network in a spiking network (section 3.5).
+
+The events of each step make the rates of Poisson inputs. The network has one output neuron for
+each action; an action's trace counts its spikes and decays, and the robot does the action with
+the largest trace, decided anew at each step of 50 ms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.integrate_and_fire import (
+    input_spikes,
+    IntegrateAndFire,
+    IntegrateAndFireParameters,
+    resting_potentials,
+)
+from spikelane_controllers.transferred import InputScale, read_transferred
+from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
+from spikelane_sim.events import no_events
+from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrameParameters(StateImageParameters):
+    """What the inputs see: the cells of the Q-network, in one step rather than ten."""
+
+    frames: int = parameter(1, 'Last steps that count.', low=1, source='section 3.5')
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DqnSnnParameters(Parameters):
+    """The DQN-SNN controller."""
+
+    checkpoint: str = parameter(
+        'scenario_1',
+        "The network: the name of a shipped one, the path of a transfer's folder or of a "
+        'checkpoint.',
+    )
+    trace_decay: float = parameter(
+        0.8,
+        'What is left of an action trace after a step (c).',
+        low=0.0,
+        high=1.0,
+        source="the authors' program",
+    )
+    encoding: FrameParameters = nested(FrameParameters)
+    neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
+    actions: ActionParameters = nested(ActionParameters)
+
+
+def input_values(counts: Counts, frames: int, scale: InputScale) -> NDArray[np.float32]:
+    """Return the inputs' values, such that on average they are those of the training.
+
+    Args:
+        counts: Events in each cell over the last `frames` steps, (rows, columns).
+        frames: How many steps are counted.
+        scale: Of the training: there a count over scale.frames steps is divided by its maximum.
+
+    Returns:
+        Values from 0 to 1 in the order of rows, then columns, (rows * columns,).
+    """
+    values: NDArray[np.float32] = np.minimum(
+        counts.ravel() * (scale.frames / (frames * scale.maximum)), 1.0
+    ).astype(np.float32)
+    return values
+
+
+class DqnSnn:
+    """Controller of a spiking network that has taken over a policy; see `contract.Controller`.
+
+    Attributes:
+        neurons: Names of the output neurons, one for each action.
+        spikes: How often each of them fired in the last step.
+        action: The last action, an index of `neurons`; -1 before the first step.
+        traces: Of the actions, (n_actions,).
+    """
+
+    parameters_class: ClassVar[type[DqnSnnParameters]] = DqnSnnParameters
+    neurons: ClassVar[tuple[str, ...]] = ACTIONS
+
+    def __init__(self, parameters: DqnSnnParameters | None = None) -> None:
+        """Make a controller at rest.
+
+        Raises:
+            CheckpointError: Its network cannot be read, or is not one for these inputs.
+        """
+        self.parameters = parameters or DqnSnnParameters()
+        encoding = self.parameters.encoding
+        transferred = read_transferred(
+            self.parameters.checkpoint, encoding.rows * encoding.columns, len(self.neurons)
+        )
+        self._scale = transferred.scale
+        self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
+        self._image = StateImage(encoding)
+        self.reset(np.random.default_rng(0))
+        # So that what is compiled is ready before a simulator waits for the first answer.
+        self.step(Observation(0, no_events(), None))
+        self.reset(np.random.default_rng(0))
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: neurons at rest, no traces, nothing seen."""
+        self._rng = rng
+        self._potentials = resting_potentials(self._network.network)
+        self._image.clear()
+        self.traces = np.zeros(len(self.neurons))
+        self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.action = -1
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation: its events drive the network for one step."""
+        self._image.add(observation.events)
+        values = input_values(self._image.counts, self._image.parameters.frames, self._scale)
+        inputs = input_spikes(values, self.parameters.neurons, self._rng)
+        self._potentials, fired = self._network.run(self._potentials, inputs)
+        counts = fired.output.sum(axis=0, dtype=np.int64)
+        self.spikes = tuple(counts.tolist())
+        self.traces = self.parameters.trace_decay * self.traces + counts
+        self.action = int(np.argmax(self.traces))
+        return action_wheels(self.action, self.parameters.actions)

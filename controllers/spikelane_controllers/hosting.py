@@ -1,0 +1,61 @@
+"""What hosts a controller, live or in a replay, has to know: when episodes begin, what it sees."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
+from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.parameters import Parameters
+
+
+class _Place(NamedTuple):
+    """Where an observation stands in its episode."""
+
+    episode: int
+    step: int
+
+
+class Host:
+    """Gives a controller observations, and resets it wherever they begin another episode.
+
+    They do where the episode's number changes or its steps begin again. Observations without a
+    lane state belong to one episode that never ends, number 0 if there was none before.
+    """
+
+    def __init__(self, controller: Controller, seed: int) -> None:
+        """Reset the controller to episode 0.
+
+        Args:
+            controller: Answers.
+            seed: Of its randomness.
+        """
+        self._controller = controller
+        self._seed = seed
+        self._last: _Place | None = None
+        controller.reset(controller_rng(seed, 0))
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation."""
+        lane = observation.lane
+        if lane is not None and self._begins(_Place(lane.episode, lane.step)):
+            self._controller.reset(controller_rng(self._seed, lane.episode))
+        return self._controller.step(observation)
+
+    def _begins(self, place: _Place) -> bool:
+        last, self._last = self._last, place
+        return last is None or place.step <= last.step or place.episode != last.episode
+
+
+def image_size(parameters: Parameters) -> tuple[int, int]:
+    """Return width and height [px] of the image that a controller's parameters are made for.
+
+    That is the size of its encoding; 128 x 128 (DVS128) where it has none.
+    """
+    default = EncodingParameters()
+    for field in dataclasses.fields(parameters):  # type: ignore[arg-type]
+        value = getattr(parameters, field.name)
+        if isinstance(value, EncodingParameters):
+            return value.width, value.height
+    return default.width, default.height

@@ -1,0 +1,113 @@
+"""The Q-network: values of the actions in a state (paper section 3.4).
+
+Three fully connected layers, the first two rectified. States are binary, so that the first layer
+is a sum of few rows of its weights: a value takes microseconds, without torch, which only learning
+needs. Sums are always taken in the same order, so that the same network gives the same bits,
+one state at a time or many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+import itertools
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.parameters import parameter, Parameters
+
+Array = NDArray[np.float32]
+
+
+class QNetwork(NamedTuple):
+    """Weights (n_inputs, n_outputs) and biases (n_outputs,) of the layers."""
+
+    weights_1: Array
+    biases_1: Array
+    weights_2: Array
+    biases_2: Array
+    weights_3: Array
+    biases_3: Array
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class QNetworkParameters(Parameters):
+    """Size and beginning of the Q-network."""
+
+    hidden_1: int = parameter(
+        200, 'Units of the first hidden layer.', low=1, source='table "DQN parameters"'
+    )
+    hidden_2: int = parameter(
+        200, 'Units of the second hidden layer.', low=1, source='table "DQN parameters"'
+    )
+    initial_bound: float = parameter(
+        0.0,
+        'Weights and biases begin uniformly within this bound of 0; 0: 1 / sqrt(inputs of the '
+        "layer), PyTorch's own (1e-3 in the authors' program).",
+        low=0.0,
+    )
+
+
+def initial_network(
+    rng: np.random.Generator, n_inputs: int, n_actions: int, parameters: QNetworkParameters
+) -> QNetwork:
+    """Draw a network."""
+    sizes = (n_inputs, parameters.hidden_1, parameters.hidden_2, n_actions)
+    arrays = []
+    for n_in, n_out in itertools.pairwise(sizes):
+        bound = parameters.initial_bound or 1 / math.sqrt(n_in)
+        for shape in ((n_in, n_out), (n_out,)):
+            arrays.append(rng.uniform(-bound, bound, shape).astype(np.float32))
+    return QNetwork(*arrays)
+
+
+def network_views(flat: Array, shapes: Sequence[tuple[int, ...]]) -> QNetwork:
+    """Return the arrays of a network that lie one after the other in `flat`, without copies."""
+    ends = np.cumsum([math.prod(shape) for shape in shapes])
+    parts = np.split(flat, ends[:-1])
+    return QNetwork(*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))
+
+
+def action_values(network: QNetwork, states: NDArray[np.uint8]) -> Array:
+    """Return the values of all actions.
+
+    Args:
+        network: The network.
+        states: Binary, (n, n_inputs).
+
+    Returns:
+        (n, n_actions).
+    """
+    values: Array = _values(*network, states)
+    return values
+
+
+def greedy_action(network: QNetwork, state: NDArray[np.uint8]) -> int:
+    """Return the action of the largest value, the first of equals, in a state (n_inputs,)."""
+    return int(action_values(network, state[None])[0].argmax())
+
+
+@numba.njit(cache=True)
+def _values(
+    w1: Array, b1: Array, w2: Array, b2: Array, w3: Array, b3: Array, states: NDArray[np.uint8]
+) -> Array:
+    values = np.empty((len(states), len(b3)), np.float32)
+    first, second = np.empty_like(b1), np.empty_like(b2)
+    for n in range(len(states)):
+        first[:] = b1
+        for i in range(len(w1)):
+            if states[n, i]:
+                first += w1[i]
+        second[:] = b2
+        for i in range(len(first)):
+            if first[i] > 0:
+                second += first[i] * w2[i]
+        values[n] = b3
+        for i in range(len(second)):
+            if second[i] > 0:
+                values[n] += second[i] * w3[i]
+    return values

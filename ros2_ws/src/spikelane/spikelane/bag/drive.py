@@ -1,0 +1,299 @@
+"""A recorded drive: event packets in order, each with its lane state and its recorded answer.
+
+A packet belongs to a lane state and to wheel velocities by their stamps; where simulation time
+was reset and a stamp comes again, to those recorded next to it. Packets are put in the order of
+their numbers, and one that was sent twice counts once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from spikelane.bag.source import BagSource, SourceMessage
+from spikelane_sim.codecs import DECODABLE
+from spikelane_sim.contract import LaneState, WheelVelocities
+from spikelane_sim.errors import BagError
+from spikelane_sim.sensor import ReceivedPacket
+
+EVENT_PACKET = 'event_camera_msgs/msg/EventPacket'
+LANE_STATE = 'spikelane_msgs/msg/LaneState'
+WHEEL_VELOCITIES = 'spikelane_msgs/msg/WheelVelocities'
+TYPES = (EVENT_PACKET, LANE_STATE, WHEEL_VELOCITIES)
+
+EVENTS_TOPIC = 'event_camera/events'
+LANE_TOPIC = 'lane/state'
+WHEELS_TOPIC = 'wheel_velocities'
+
+T = TypeVar('T')
+
+
+class DrivePacket(NamedTuple):
+    """An event packet with what was recorded beside it."""
+
+    packet: ReceivedPacket
+    lane: LaneState | None
+    log_ns: int  # when it was recorded
+    position: int  # in the bag, counting messages of TYPES
+
+
+class _Mark(NamedTuple):
+    """Where a packet is in the bag."""
+
+    sequence: int
+    stamp_ns: int
+    position: int
+
+
+class _Logged(NamedTuple, Generic[T]):
+    """What a message says, and where it is in the bag."""
+
+    value: T
+    log_ns: int
+    position: int
+
+
+class _Record(NamedTuple):
+    """What a message says."""
+
+    stamp_ns: int
+    value: ReceivedPacket | LaneState | WheelVelocities
+
+
+class _Read(NamedTuple):
+    """A message read."""
+
+    position: int
+    message: SourceMessage
+    record: _Record
+
+
+class RecordedDrive:
+    """The events, lane states and wheel velocities of a bag.
+
+    Event packets are read from the bag as they are asked for, unless they are out of order.
+
+    Attributes:
+        source: The bag.
+        events_topic: Where the events are from.
+        has_lane: Whether there are lane states.
+        has_wheels: Whether there are wheel velocities.
+        count: Event packets.
+        notes: What is missing, damaged or out of order, a sentence each.
+    """
+
+    def __init__(self, path: Path, events_topic: str | None = None) -> None:
+        """Read all but the events.
+
+        Args:
+            path: A bag's folder, or one of its files.
+            events_topic: Where to take the events from; None for the usual topic, or for the one
+                there is.
+
+        Raises:
+            BagError: There is no bag, it has no event packets, or those of several cameras, or in
+                an encoding that cannot be decoded.
+        """
+        self.source = BagSource(path)
+        self.notes: list[str] = []
+        marks: dict[str, list[_Mark]] = {}
+        encodings: dict[str, str] = {}
+        lanes: dict[str, dict[int, list[_Logged[LaneState]]]] = {}
+        wheels: dict[str, dict[int, list[_Logged[WheelVelocities]]]] = {}
+        for position, message, record in self._read():
+            stamp_ns, topic = record.stamp_ns, message.topic
+            where = message.log_ns, position
+            if isinstance(record.value, ReceivedPacket):
+                mark = _Mark(record.value.sequence, stamp_ns, position)
+                marks.setdefault(topic, []).append(mark)
+                encodings.setdefault(topic, record.value.encoding)
+            elif isinstance(record.value, LaneState):
+                of_stamp = lanes.setdefault(topic, {}).setdefault(stamp_ns, [])
+                of_stamp.append(_Logged(record.value, *where))
+            else:
+                answers = wheels.setdefault(topic, {}).setdefault(stamp_ns, [])
+                answers.append(_Logged(record.value, *where))
+        self.events_topic = self._choose(events_topic, marks)
+        encoding = encodings[self.events_topic]
+        if encoding not in DECODABLE:
+            raise BagError(
+                f'{path}: {self.events_topic}: expected events encoded as one of '
+                f'{", ".join(DECODABLE)}, got {encoding!r}'
+            )
+        prefix = self.events_topic.removesuffix(EVENTS_TOPIC)
+        prefix = prefix if prefix != self.events_topic else '/'
+        self._lanes = lanes.get(prefix + LANE_TOPIC, {})
+        self._wheels = wheels.get(prefix + WHEELS_TOPIC, {})
+        self.has_lane, self.has_wheels = bool(self._lanes), bool(self._wheels)
+        self._note_what_is_missing(prefix)
+        found = marks[self.events_topic]
+        self._order = _in_order(found)
+        self.count = len(self._order)
+        positions = [mark.position for mark in self._order]
+        self._is_in_order = positions == sorted(positions)
+        if not self._is_in_order:
+            self.notes.append('the event packets were out of order; taken by their numbers')
+        self._note_lost()
+
+    def packets(self) -> Iterator[DrivePacket]:
+        """Yield the event packets in order."""
+        wanted = {mark.position for mark in self._order}
+        found = (
+            self._beside(position, message, record.value)
+            for position, message, record in self._read(wanted)
+            if isinstance(record.value, ReceivedPacket)
+        )
+        if self._is_in_order:
+            yield from found
+            return
+        by_position = {each.position: each for each in found}
+        for mark in self._order:
+            yield by_position[mark.position]
+
+    def answer(self, stamp_ns: int, beside: DrivePacket) -> WheelVelocities | None:
+        """Return the recorded wheel velocities of this stamp, None where there are none."""
+        return _nearest(self._wheels, stamp_ns, beside.log_ns, beside.position)
+
+    def _read(self, wanted: set[int] | None = None) -> Iterator[_Read]:
+        """Yield positions, messages and what they say; of all messages, or of those wanted."""
+        bad: dict[str, int] = {}
+        for position, message in enumerate(self.source.messages(TYPES)):
+            if wanted is not None and position not in wanted:
+                continue
+            try:
+                yield _Read(position, message, self._record(message))
+            except BagError:
+                bad[message.topic] = bad.get(message.topic, 0) + 1
+        if wanted is None:
+            self.notes += self.source.damage
+            self.notes += [
+                f'{topic}: {count} messages cannot be read' for topic, count in bad.items()
+            ]
+
+    def _record(self, message: SourceMessage) -> _Record:
+        fields = self.source.read(message)
+        try:
+            return _Record(_stamp_ns(fields), _CONVERSIONS[message.type_name](fields))
+        except AttributeError as error:  # of a definition that is not ours
+            raise BagError(
+                f'{self.source.path}: {message.topic}: expected the fields of '
+                f'{message.type_name}, got others: {error}'
+            ) from None
+
+    def _choose(self, asked: str | None, marks: Mapping[str, Sequence[_Mark]]) -> str:
+        usual = asked or f'/{EVENTS_TOPIC}'
+        if usual in marks:
+            return usual
+        if asked is None and len(marks) == 1:
+            return next(iter(marks))
+        expected = asked or f'one topic of {EVENT_PACKET}'
+        found = ', '.join(sorted(marks))
+        if not found:
+            topics = ', '.join(sorted(self.source.topics)) or 'no topics at all'
+            damage = '; '.join(self.source.damage)
+            found = f'none, only {topics}' + (f' ({damage})' if damage else '')
+        raise BagError(f'{self.source.path}: expected {expected} with messages, got {found}')
+
+    def _note_what_is_missing(self, prefix: str) -> None:
+        if not self.has_lane:
+            self.notes.append(f'no {prefix}{LANE_TOPIC}: one episode, distances unknown')
+        if not self.has_wheels:
+            self.notes.append(f'no {prefix}{WHEELS_TOPIC}: nothing to compare with')
+
+    def _note_lost(self) -> None:
+        pairs = zip(self._order, self._order[1:], strict=False)
+        gaps = [
+            (before.stamp_ns, after.sequence - before.sequence - 1)
+            for before, after in pairs
+            if after.sequence > before.sequence + 1
+        ]
+        if gaps:
+            lost = sum(count for _, count in gaps)
+            self.notes.append(
+                f'{lost} event packets are missing, the first after stamp {gaps[0][0]} ns: '
+                'answers after a gap may differ'
+            )
+        if self.has_lane:
+            bare = sum(mark.stamp_ns not in self._lanes for mark in self._order)
+            if bare:
+                self.notes.append(f'{bare} event packets lack their lane state')
+            seen = {mark.stamp_ns for mark in self._order}
+            alone = sum(stamp_ns not in seen for stamp_ns in self._lanes)
+            if alone:
+                self.notes.append(f'{alone} lane states lack their event packet')
+
+    def _beside(
+        self, position: int, message: SourceMessage, packet: ReceivedPacket
+    ) -> DrivePacket:
+        lane = _nearest(self._lanes, packet.stamp_ns, message.log_ns, position)
+        return DrivePacket(packet, lane, message.log_ns, position)
+
+
+def _in_order(marks: Sequence[_Mark]) -> list[_Mark]:
+    """Return packets once each, by their numbers where these tell them apart."""
+    once: dict[tuple[int, int], _Mark] = {}
+    for mark in marks:
+        once.setdefault((mark.sequence, mark.stamp_ns), mark)
+    order = list(once.values())
+    if len({mark.sequence for mark in order}) < len(order):
+        return order  # a publisher that began anew, or does not count
+    return sorted(order, key=lambda mark: mark.sequence)
+
+
+def _nearest(
+    found: Mapping[int, Sequence[_Logged[T]]], stamp_ns: int, log_ns: int, position: int
+) -> T | None:
+    """Return what was recorded next to a place, of all that have a stamp."""
+    candidates = found.get(stamp_ns)
+    if not candidates:
+        return None
+    nearest = min(
+        candidates, key=lambda each: (abs(each.log_ns - log_ns), abs(each.position - position))
+    )
+    return nearest.value
+
+
+def _stamp_ns(fields: Any) -> int:
+    stamp = fields.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def _packet(fields: Any) -> ReceivedPacket:
+    return ReceivedPacket(
+        _stamp_ns(fields),
+        fields.seq,
+        fields.encoding,
+        fields.events,
+        fields.time_base,
+        fields.width,
+        fields.height,
+        fields.is_bigendian,
+    )
+
+
+def _wheels(fields: Any) -> WheelVelocities:
+    return WheelVelocities(fields.left, fields.right)
+
+
+def _lane_state(fields: Any) -> LaneState:
+    return LaneState(
+        lane=fields.lane,
+        distance_m=fields.distance,
+        heading_error_rad=fields.heading_error,
+        position_m=fields.position,
+        section=fields.section,
+        progress_m=fields.progress,
+        laps=fields.laps,
+        episode=fields.episode,
+        step=fields.step,
+        terminated=fields.terminated,
+        reason=fields.reason,
+    )
+
+
+_CONVERSIONS: Mapping[str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities]] = {
+    EVENT_PACKET: _packet,
+    LANE_STATE: _lane_state,
+    WHEEL_VELOCITIES: _wheels,
+}

@@ -1,0 +1,131 @@
+"""`spikelane evaluate`: laps of each lane with several seeds, measured on the whole."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from spikelane.commands.arguments import (
+    add_configuration_arguments,
+    add_controller_arguments,
+    given_parameters,
+    given_weights,
+    progress,
+)
+from spikelane.evaluation import evaluate, EvaluateConfig, make_config
+from spikelane.run_folder import RunFolder
+
+#: The parameter of each pixel model that is its noise.
+_NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    add_controller_arguments(parser)
+    parser.add_argument(
+        '--seeds', type=int, default=1, help='how many, counted on from --seed (default: 1)'
+    )
+    parser.add_argument(
+        '--laps', type=int, help='laps in a row, of each lane and seed (default: 1)'
+    )
+    parser.add_argument(
+        '--lanes', nargs='+', default=(), metavar='LANE', help='lanes driven (default: all)'
+    )
+    parser.add_argument(
+        '--courses',
+        nargs='+',
+        default=(),
+        metavar='COURSE',
+        help="scenarios or course files driven, where not the scenario's own",
+    )
+    parser.add_argument(
+        '--latency-ms',
+        type=int,
+        metavar='MS',
+        help='from an observation to its command, a multiple of 50 [ms] (default: 0)',
+    )
+    parser.add_argument(
+        '--event-loss', type=float, metavar='SHARE', help='of events, 0 to 1 (default: 0)'
+    )
+    parser.add_argument(
+        '--noise-hz',
+        type=float,
+        metavar='HZ',
+        help='rate of noise events of each pixel [Hz] (default: 0)',
+    )
+    parser.add_argument(
+        '--resume', action='store_true', help='go on with the evaluation in the folder'
+    )
+    add_configuration_arguments(parser, transport='inprocess', out='runs/evaluate-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Evaluate.
+
+    Returns:
+        0, whether laps were completed or not.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    config = make_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        options.transport,
+        _parameters(options),
+        {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
+    )
+    folder = _folder(config, options.out, options.resume)
+    with progress(options.json, '%') as show:
+        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+    result = {**metrics, 'folder': str(folder.path)}
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0
+
+
+def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    given = given_parameters(options) | given_weights(options)
+    model = str(given.get('simulator.pixels.model', 'coppelia'))
+    flags = {
+        'simulator.episode.max_laps': options.laps,
+        'simulator.link.latency_ms': options.latency_ms,
+        'simulator.link.event_loss': options.event_loss,
+        f'simulator.pixels.{_NOISE.get(model, _NOISE["coppelia"])}': options.noise_hz,
+    }
+    return given | {name: value for name, value in flags.items() if value is not None}
+
+
+def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
+    path = out or Path('runs') / (
+        f'evaluate-{Path(config.scenario).stem}-{config.controller}-seed{config.seed}'
+    )
+    if resume:
+        folder = RunFolder(path)
+        folder.check_config(config.to_dict())
+        return folder
+    folder = RunFolder.create(path, numbered=out is None)
+    folder.write_config(config.to_dict())
+    return folder
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, a line for each lane."""
+    groups = dict(result['summary']['by_lane'])
+    if len(groups) > 1:
+        groups['all'] = result['summary']['all']
+    lines = [_line(name, group) for name, group in groups.items()]
+    return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
+
+
+def _line(name: str, group: dict[str, Any]) -> str:
+    completed, error = group['completed'], group['mean_abs_distance_m']
+    text = f'{name:10} {completed["successes"]} of {completed["n"]} completed'
+    if error is None:
+        return text
+    text += f', mean error {error["mean"]:.4f} m'
+    if error['std'] is None:
+        return text
+    return f'{text} (95 %: {error["ci_low"]:.4f} to {error["ci_high"]:.4f}, s {error["std"]:.4f})'

@@ -1,0 +1,170 @@
+"""`spikelane experiment`: all runs that a file describes, done in parallel and gone on with."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from spikelane.experiment.engine import Engine
+from spikelane.experiment.file import read_experiment
+from spikelane.experiment.local import LocalEngine
+from spikelane.experiment.plan import make_plan, Plan
+from spikelane.experiment.results import experiment_results, write_results
+from spikelane.experiment.runner import Runner, State
+from spikelane.experiment.worker import locked
+from spikelane.run_folder import RunFolder
+from spikelane_sim.errors import ParameterError, SpikelaneError
+
+RETRIES = 2
+
+_STATES = {State.FOUND: 'finished', State.WAITING: 'to do'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('file', type=Path, metavar='FILE', help='YAML, as experiments/rstdp.yaml')
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='folder of the experiment, new or to be gone on with (default: runs/<name>)',
+    )
+    parser.add_argument(
+        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
+    )
+    parser.add_argument(
+        '--engine',
+        choices=('local', 'ray'),
+        default='local',
+        help='what does the runs: processes here, or a Ray cluster (default: local)',
+    )
+    parser.add_argument(
+        '--address',
+        help='of the Ray cluster, which sees the folder under the same path; where it wants a '
+        'token, that is in RAY_AUTH_TOKEN (default: one of its own, on this machine)',
+    )
+    parser.add_argument(
+        '--retries',
+        type=int,
+        default=RETRIES,
+        help=f'how often a run is begun again whose process was killed (default: {RETRIES})',
+    )
+    parser.add_argument('--dry-run', action='store_true', help='list the runs and do none')
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do the experiment, or list its runs.
+
+    Returns:
+        0 where all runs are finished, 1 where one failed.
+
+    Raises:
+        SpikelaneError: The file or an option is wrong, or the folder is in use.
+    """
+    _check(options)
+    plan = make_plan(read_experiment(options.file))
+    root: Path = options.out or Path('runs') / plan.name
+    if options.dry_run:
+        _list(Runner(plan, root, options.retries), root, options.json)
+        return 0
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SpikelaneError(f'{root}: cannot be made: {error.strerror}') from None
+    with locked(root, patience_s=1.0):
+        return _do(plan, root, options)
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.jobs is not None and options.jobs < 1:
+        raise ParameterError(f'--jobs: expected a whole number of at least 1, got {options.jobs}')
+    if options.retries < 0:
+        raise ParameterError(
+            f'--retries: expected a whole number of at least 0, got {options.retries}'
+        )
+    if options.address is not None and options.engine != 'ray':
+        raise ParameterError('--address: expected --engine ray with it')
+
+
+def _do(plan: Plan, root: Path, options: argparse.Namespace) -> int:
+    # Here and not above: drawing takes longer to import than a list of runs to make.
+    from spikelane.experiment.table import shown
+
+    runner = Runner(plan, root, options.retries)
+    try:
+        # The standard output is for results; Ray would say there what it thinks of a worker's end.
+        with contextlib.redirect_stdout(sys.stderr):
+            engine = _engine(options)
+            with shown(runner, engine.slots, options.json) as show:
+                counts = runner.run(engine, show)
+    except BaseException as error:
+        if not isinstance(error, Exception):  # Ctrl-C, or SIGTERM
+            finished = runner.counts.finished
+            print(
+                f'stopped, {finished} of {runner.counts.total} runs are finished; '
+                f'the same command goes on',
+                file=sys.stderr,
+            )
+        raise
+    finally:
+        results = experiment_results(plan.name, list(runner.statuses.values()))
+        write_results(RunFolder(root), results)
+    if options.json:
+        print(json.dumps({**results, 'folder': str(root)}))
+    else:
+        print(_summary(results, root))
+    return 0 if counts.finished == counts.total else 1
+
+
+def _engine(options: argparse.Namespace) -> Engine:
+    if options.engine == 'local':
+        return LocalEngine(options.jobs or os.cpu_count() or 1)
+    from spikelane.experiment.ray import RayEngine
+
+    return RayEngine(options.address, options.jobs)
+
+
+def _list(runner: Runner, root: Path, is_json: bool) -> None:
+    rows = [
+        {
+            'name': status.run.name,
+            'state': 'to go on'
+            if status.state is State.WAITING and status.is_begun
+            else _STATES[status.state],
+            'needs': status.run.before,
+            'folder': None if status.folder is None else status.folder.path.name,
+        }
+        for status in runner.statuses.values()
+    ]
+    if is_json:
+        print(json.dumps({'folder': str(root), 'runs': rows}))
+        return
+    for row in rows:
+        after = f', after {row["needs"]}' if row['needs'] else ''
+        print(f'{row["state"]:9} {row["name"]}{after}')
+    done = sum(row['state'] == 'finished' for row in rows)
+    print(f'{len(rows)} runs, {done} finished, in {root}')
+
+
+def _summary(results: dict[str, Any], root: Path) -> str:
+    """Return the results for people: a line for each group, then what failed."""
+    lines = []
+    for group in results['groups']:
+        place = [str(value) for name, value in group.items() if isinstance(value, str)]
+        text = f'{" ".join(place)}, {len(group["seeds"])} seeds'
+        if 'laps' in group:
+            completed = group['laps']['all']['completed']
+            error = group['laps']['all']['mean_abs_distance_m']
+            text += f': {completed["successes"]} of {completed["n"]} laps completed'
+            text += '' if error is None else f', mean error {error["mean"]:.4f} m'
+        lines.append(text)
+    for each in results['runs']:
+        if each['state'] in ('failed', 'blocked'):
+            lines.append(f'{each["state"]} {each["name"]}: {each["message"]}')
+    return '\n'.join([*lines, f'results in {root / "results.json"}'])

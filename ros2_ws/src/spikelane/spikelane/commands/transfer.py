@@ -1,0 +1,119 @@
+"""`spikelane transfer`: the policy of a trained Q-network for a spiking network."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from spikelane.commands.arguments import add_configuration_arguments, given_parameters
+from spikelane.run_folder import RunFolder
+from spikelane.transfer import (
+    make_config,
+    report_transfer,
+    Show,
+    transfer,
+    TransferConfig,
+)
+from spikelane_controllers.gathering import GatheringParameters
+from spikelane_controllers.transfer import TransferParameters
+
+_SHOWN_TIMES = 200  # of each stage
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training of the DQN left, or a checkpoint in it (default: the weights '
+        'shipped for the scenario)',
+    )
+    parser.add_argument(
+        '--states',
+        type=int,
+        default=GatheringParameters.states,
+        help='states to gather by driving with the trained policy '
+        f'(default: {GatheringParameters.states})',
+    )
+    parser.add_argument(
+        '--steps',
+        type=int,
+        default=TransferParameters.steps,
+        help=f'steps to train the network for (default: {TransferParameters.steps})',
+    )
+    parser.add_argument(
+        '--from-training',
+        action=argparse.BooleanOptionalAction,
+        help="use the states of the DQN's training too (default: where they are beside the "
+        'checkpoint)',
+    )
+    add_configuration_arguments(parser, transport=None, out='runs/transfer-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Transfer.
+
+    Returns:
+        0.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    counts = {'gathering.states': options.states, 'transfer.steps': options.steps}
+    config = make_config(
+        options.scenario,
+        options.checkpoint,
+        options.seed,
+        counts | given_parameters(options),
+        options.from_training,
+    )
+    folder = _folder(config, options.out)
+    with _progress(options.json) as show:
+        done = transfer(config, show)
+    result = report_transfer(config, done, folder)
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0
+
+
+def _folder(config: TransferConfig, out: Path | None) -> RunFolder:
+    name = f'transfer-{Path(config.scenario).stem}-seed{config.seed}'
+    folder = RunFolder.create(out or Path('runs') / name, numbered=out is None)
+    folder.write_config(config.to_dict())
+    return folder
+
+
+@contextlib.contextmanager
+def _progress(is_quiet: bool) -> Iterator[Show]:
+    """Give what shows progress to people: on one line of a terminal's standard error."""
+    if is_quiet or not sys.stderr.isatty():
+        yield lambda what, done, of: None
+        return
+
+    def show(what: str, done: int, of: int) -> None:
+        if done % max(of // _SHOWN_TIMES, 1) == 0 or done == of:
+            end = '\n' if done == of else ''
+            print(f'\r{done:7d} of {of} {what} ', end=end, file=sys.stderr)
+
+    yield show
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    paper = result['paper_accuracy']
+    beside = '' if paper is None else f' (paper: {paper:.2%})'
+    parts = ', '.join(f'{number} {name}' for name, number in result['states_from'].items())
+    shares = ', '.join(f'{share:.0%} {name}' for name, share in result['class_shares'].items())
+    lines = {
+        'accuracy': f'{result["accuracy"]:.2%} of {result["held_out_states"]} states held '
+        f'out{beside}',
+        'states': f'{result["states"]}: {parts}',
+        'actions': shares,
+        'checkpoint': result['checkpoint'],
+        'figures': ', '.join(result['figures']),
+    }
+    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())

@@ -1,0 +1,257 @@
+"""Evaluating a controller: laps of every lane with several seeds, and how they went on the whole.
+
+Each lap is the one that `spikelane lap` drives with the same lane and seed. Laps that are done are
+kept one by one, so that an evaluation that was stopped goes on with the next, and its results are
+those of one that never was: nothing in `metrics.json` depends on when or where it was made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import dataclasses
+from pathlib import Path
+import shutil
+from typing import Any, NamedTuple
+
+from spikelane import lap
+from spikelane.configuration import Configuration
+from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
+from spikelane.metrics import lap_metrics
+from spikelane.run_folder import RunFolder
+from spikelane.statistics import mean_statistics, METHOD, share_statistics
+from spikelane.trajectory import write_csv
+from spikelane_sim.contract import STEP_S
+from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import write_json
+from spikelane_sim.parameters import parameter, Parameters
+
+#: Shows how an evaluation goes on: steps driven, share of it that is done.
+ShowShare = Callable[[int, float], None]
+
+#: Of laps that were completed; a lap cut short says nothing about the rest of it.
+MEASURES = (
+    'mean_abs_distance_m',
+    'max_abs_distance_m',
+    'mean_distance_m',
+    'std_distance_m',
+    'lap_time_s',
+    'mean_speed_m_s',
+)
+
+#: Of all laps.
+MEASURES_OF_ALL = ('progress_m',)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluationParameters(Parameters):
+    """What is driven."""
+
+    seeds: int = parameter(1, 'Seeds, counted on from the first.', low=1, high=1_000_000)
+    lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of a course.')
+    courses: tuple[str, ...] = parameter((), "Courses driven; none: the scenario's.")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluateConfig(Configuration):
+    """Everything that determines an evaluation.
+
+    Attributes:
+        evaluation: What is driven; `seed` is the first seed.
+    """
+
+    evaluation: EvaluationParameters
+
+    def laps(self) -> Iterator[LapOfEvaluation]:
+        """Yield all laps, seed by seed within a lane, lane by lane within a course.
+
+        Raises:
+            SpikelaneError: There is no such course, or no such lane on it.
+        """
+        courses = self.evaluation.courses or (self.scenario,)
+        for number, scenario in enumerate(courses, 1):
+            course = load_course(scenario_course(scenario))
+            prefix = f'{number:03}-{Path(scenario).stem}-' if len(courses) > 1 else ''
+            simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
+            for lane in self.evaluation.lanes or course.lanes:
+                for seed in range(self.seed, self.seed + self.evaluation.seeds):
+                    config = LapConfig(
+                        scenario=scenario,
+                        controller=self.controller,
+                        lane=course.lane(lane).name,
+                        seed=seed,
+                        transport=self.transport,
+                        simulator=simulator,
+                        controller_parameters=self.controller_parameters,
+                    )
+                    length_m = course.lane(lane).length_m
+                    yield LapOfEvaluation(f'{prefix}{lane}-seed{seed}', config, length_m)
+
+
+class LapOfEvaluation(NamedTuple):
+    """One of an evaluation's laps, or several laps in a row."""
+
+    name: str  # of its folder
+    config: LapConfig
+    length_m: float  # of one lap
+
+
+def make_config(
+    scenario: str,
+    controller: str,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+    evaluation: Mapping[str, Any],
+) -> EvaluateConfig:
+    """Make the configuration of an evaluation.
+
+    Args:
+        scenario: As in `configure`; what the controller is for.
+        controller: As in `configure`.
+        seed: The first one.
+        transport: As in `configure`.
+        parameters: As in `lap.make_config`.
+        evaluation: Of `EvaluationParameters`.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    one = lap.make_config(scenario, controller, None, seed, transport, parameters)
+    parts = {field.name: getattr(one, field.name) for field in dataclasses.fields(Configuration)}
+    given = EvaluationParameters.from_mapping(evaluation, 'evaluation')
+    config = EvaluateConfig(evaluation=given, **parts)
+    list(config.laps())  # finds out what cannot be driven before anything is
+    return config
+
+
+def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict[str, Any]:
+    """Drive the laps that are not in the folder yet, and write the metrics of all.
+
+    Args:
+        config: What to drive.
+        folder: Where laps and metrics go.
+        show: Called after every step, over ROS about once a second.
+
+    Returns:
+        The metrics, ready for JSON.
+
+    Raises:
+        SpikelaneError: A lap cannot be driven, or a file not be written.
+    """
+    laps = list(config.laps())
+    rows: list[dict[str, Any]] = []
+    steps = 0
+    for number, each in enumerate(laps):
+        expected_m = each.length_m * max(1, config.simulator.episode.max_laps)
+
+        def show_lap(
+            step: int,
+            progress_m: float,
+            done: int = number,
+            steps: int = steps,
+            expected_m: float = expected_m,
+        ) -> None:
+            share = min(max(progress_m / expected_m, 0.0), 1.0)
+            show(steps + step, (done + share) / len(laps))
+
+        rows.append(_row_of(each, folder.laps / each.name, show_lap))
+        steps += rows[-1]['steps']
+        show(steps, (number + 1) / len(laps))
+    metrics = evaluation_metrics(config, rows)
+    folder.write_metrics(metrics)
+    return metrics
+
+
+def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Measure an evaluation.
+
+    Args:
+        config: What was driven.
+        rows: Of each lap its course, lane and seed, what `lap_metrics` says, and progress_m.
+
+    Returns:
+        Facts of the configuration; `confidence`: how intervals are found; `summary`: of `all`
+        laps, `by_lane` and, where there are several, `by_course`, as `summarise` has it; `laps`:
+        the rows.
+    """
+    courses = list(dict.fromkeys(row['course'] for row in rows))
+    lanes = list(dict.fromkeys(row['lane'] for row in rows))
+    summary: dict[str, Any] = {
+        'all': summarise(rows),
+        'by_lane': {
+            lane: summarise([row for row in rows if row['lane'] == lane]) for lane in lanes
+        },
+    }
+    if len(courses) > 1:
+        summary['by_course'] = {
+            course: summarise([row for row in rows if row['course'] == course])
+            for course in courses
+        }
+    simulator = config.simulator
+    return {
+        'scenario': config.scenario,
+        'controller': config.controller,
+        'seed': config.seed,
+        'seeds': config.evaluation.seeds,
+        'transport': config.transport,
+        'robot': simulator.robot.model,
+        'pixels': simulator.pixels.model,
+        'antialias': simulator.camera.antialias,
+        'latency_ms': simulator.link.latency_ms,
+        'event_loss': simulator.link.event_loss,
+        'confidence': METHOD,
+        'summary': summary,
+        'laps': list(rows),
+    }
+
+
+def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Describe laps on the whole; each counts once.
+
+    Returns:
+        `completed`: how many, as `share_statistics` has it; and the statistics
+        (`mean_statistics`) of each of MEASURES over the completed laps, and of each of
+        MEASURES_OF_ALL over all.
+    """
+    completed = [row for row in rows if row['completed']]
+    return {
+        'completed': share_statistics(len(completed), len(rows)),
+        **{name: mean_statistics([row[name] for row in completed]) for name in MEASURES},
+        **{name: mean_statistics([row[name] for row in rows]) for name in MEASURES_OF_ALL},
+    }
+
+
+def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
+    """Drive a lap, or read what is left of it."""
+    folder = RunFolder(path)
+    if folder.metrics.exists():
+        return folder.read_metrics()
+    # What was being driven when somebody stopped it begins anew.
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir(parents=True)
+    trajectory = _drive(each.config, folder, show).trajectory
+    write_csv(trajectory, folder.trajectory)
+    row = {
+        'course': each.config.scenario,
+        'lane': each.config.lane,
+        'seed': each.config.seed,
+        **lap_metrics(trajectory, STEP_S),
+        'progress_m': float(trajectory.progress_m[-1] - trajectory.progress_m[0]),
+    }
+    write_json(folder.metrics, row)
+    return row
+
+
+def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
+    if config.transport == 'inprocess':
+        return drive_lap(config, show)
+    try:
+        # Here and not above: in-process it must work where there is no ROS.
+        from spikelane.nodes.lap import drive_lap_over_ros
+    except ImportError as error:
+        raise SpikelaneError(
+            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
+        ) from None
+    driven: DrivenLap = drive_lap_over_ros(config, folder, show)
+    return driven

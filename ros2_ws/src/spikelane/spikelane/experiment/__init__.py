@@ -1,0 +1,1 @@
+"""Experiments: many runs that one file describes, done by several processes."""

@@ -1,0 +1,144 @@
+"""Runs on a cluster: Ray places each on a machine, where a process of its own does it.
+
+That process is the same as on one machine, so the results are. The experiment's folder must be
+one that all machines see under the same path, and Spikelane be installed on each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from spikelane.experiment.engine import (
+    Ended,
+    ended_run,
+    worker_command,
+    worker_environment,
+)
+from spikelane.experiment.worker import LOG
+from spikelane.processes import Processes
+from spikelane_sim.errors import SpikelaneError
+
+_POLL_S = 0.1
+_END_S = 20.0  # for processes to end when they are told to
+
+
+class RayEngine:
+    """Gives runs to a Ray cluster; an `Engine`."""
+
+    def __init__(self, address: str | None, jobs: int | None) -> None:
+        """Join a cluster, or begin one on this machine that lets in nobody else.
+
+        Args:
+            address: Of the cluster, as Ray has it; its token, where it wants one, is in the
+                environment as Ray has it (RAY_AUTH_TOKEN). None for a cluster of our own.
+            jobs: Runs at a time; None for as many as the cluster has processors.
+
+        Raises:
+            SpikelaneError: Ray is not installed, or there is no such cluster.
+        """
+        self._ray = _import_ray()
+        try:
+            if address is None:
+                os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
+                self._ray.init(
+                    'local',  # else it would join whatever cluster this machine has
+                    num_cpus=jobs or os.cpu_count(),
+                    include_dashboard=False,
+                    log_to_driver=False,
+                    logging_level='error',
+                    _node_ip_address='127.0.0.1',
+                )
+            else:
+                self._ray.init(address, log_to_driver=False, logging_level='error')
+        except Exception as error:
+            # Ray raises whatever it meets, from OSError to bare Exception.
+            lines = str(error).strip().splitlines() or [type(error).__name__]
+            raise SpikelaneError(
+                f'--engine ray: expected a Ray cluster at {address or "this machine"}, got: '
+                f'{lines[0]}'
+            ) from None
+        self._slots = jobs or max(1, int(self._ray.cluster_resources().get('CPU', 1)))
+        # No retries of Ray's own: the experiment counts and reports them.
+        self._do = self._ray.remote(num_cpus=1, max_retries=0)(do_in_process)
+        self._running: dict[Any, tuple[str, Path]] = {}
+
+    @property
+    def slots(self) -> int:
+        """How many runs there are at a time."""
+        return self._slots
+
+    def start(self, name: str, folder: Path) -> None:
+        """Give a run to the cluster; see `Engine`."""
+        reference = self._do.remote(str(folder.absolute()), os.getcwd())
+        self._running[reference] = (name, folder)
+
+    def ended(self) -> Iterator[Ended]:
+        """Yield what has ended; see `Engine`."""
+        if not self._running:
+            return
+        references = list(self._running)
+        done, _ = self._ray.wait(references, num_returns=len(references), timeout=0)
+        for reference in done:
+            name, folder = self._running.pop(reference)
+            yield self._ended(reference, name, folder)
+
+    def stop(self) -> None:
+        """End what runs, and leave the cluster; see `Engine`."""
+        for reference in self._running:
+            # Its process is told to end when the one that watches it is gone.
+            self._ray.cancel(reference, force=True)
+        if self._running:
+            references = list(self._running)
+            self._ray.wait(references, num_returns=len(references), timeout=_END_S)
+        self._running.clear()
+        self._ray.shutdown()
+
+    def _ended(self, reference: Any, name: str, folder: Path) -> Ended:
+        errors = self._ray.exceptions
+        try:
+            return ended_run(name, self._ray.get(reference), folder)
+        except (errors.WorkerCrashedError, errors.NodeDiedError, errors.OutOfMemoryError):
+            return Ended(name, -signal.SIGKILL, "the cluster's worker was killed")
+        except errors.RayError as error:
+            lines = str(error).strip().splitlines() or [type(error).__name__]
+            return Ended(name, 1, lines[-1])
+
+
+def do_in_process(folder: str, directory: str) -> int:
+    """Do a run, on the cluster's side.
+
+    Args:
+        folder: The run's.
+        directory: To run in, where paths that are not absolute begin.
+
+    Returns:
+        The exit status of its process.
+
+    Raises:
+        ProcessError: It cannot be started.
+    """
+    if Path(directory).is_dir():
+        os.chdir(directory)
+    with Processes() as processes:
+        environment = worker_environment(os.environ)
+        processes.start('run', worker_command(Path(folder)), Path(folder) / LOG, environment)
+        while (status := processes.statuses()['run']) is None:
+            time.sleep(_POLL_S)
+    return status
+
+
+def _import_ray() -> Any:
+    try:
+        import ray
+        import ray.exceptions
+    except ImportError:
+        raise SpikelaneError(
+            '--engine ray: expected Ray, which is not installed: '
+            'pip install ray -c requirements/constraints.txt'
+        ) from None
+    return ray

@@ -1,0 +1,107 @@
+"""What came of an experiment: every run, and results over the seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import json
+import math
+from typing import Any
+
+from spikelane.evaluation import summarise
+from spikelane.experiment.runner import Status
+from spikelane.run_folder import RunFolder
+from spikelane.statistics import mean_statistics, METHOD
+
+#: Of metrics that are no results of a run, or not comparable.
+_NOT_MEASURED = ('seed', 'seeds', 'wall_time_s')
+
+RESULTS_FILE = 'results.json'
+
+
+def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
+    """Describe an experiment.
+
+    Args:
+        name: Of the experiment.
+        statuses: Of its runs.
+
+    Returns:
+        name; `confidence`: how intervals are found; `runs`: of each its name, task, place in the
+        matrix, state, message and folder; `groups`: of finished runs that differ in nothing but
+        the seed: their task and place, seeds, and `metrics`: statistics of each number over the
+        seeds (`mean_statistics`), `laps` (`evaluation.summarise`) of all laps of evaluations.
+
+    Raises:
+        FileError: The metrics of a finished run cannot be read.
+    """
+    return {
+        'name': name,
+        'confidence': METHOD,
+        'runs': [
+            {
+                'name': status.run.name,
+                **_place(status),
+                'seed': status.run.point.seed,
+                'state': status.state.value,
+                'message': status.message,
+                'folder': None if status.folder is None else status.folder.path.name,
+            }
+            for status in statuses
+        ],
+        'groups': _groups([status for status in statuses if status.state.is_finished]),
+    }
+
+
+def _groups(statuses: Sequence[Status]) -> list[dict[str, Any]]:
+    grouped: dict[str, list[Status]] = {}
+    for status in statuses:
+        grouped.setdefault(json.dumps(_place(status)), []).append(status)
+    return [_group(members) for members in grouped.values()]
+
+
+def _group(members: Sequence[Status]) -> dict[str, Any]:
+    found = [status.folder.read_metrics() for status in members if status.folder is not None]
+    names = [name for name, value in found[0].items() if _is_measured(name, value)]
+    group = {
+        **_place(members[0]),
+        'seeds': [status.run.point.seed for status in members],
+        'metrics': {
+            name: mean_statistics([metrics[name] for metrics in found])
+            for name in names
+            if all(_is_measured(name, metrics.get(name)) for metrics in found)
+        },
+    }
+    laps = [lap for metrics in found for lap in metrics.get('laps', ())]
+    if laps:
+        lanes = list(dict.fromkeys(lap['lane'] for lap in laps))
+        group['laps'] = {
+            'all': summarise(laps),
+            'by_lane': {
+                lane: summarise([each for each in laps if each['lane'] == lane]) for lane in lanes
+            },
+        }
+    return group
+
+
+def _place(status: Status) -> dict[str, Any]:
+    point = status.run.point
+    return {
+        'task': status.run.task,
+        'controller': point.controller,
+        'scenario': point.scenario,
+        **status.run.labels,
+    }
+
+
+def _is_measured(name: str, value: object) -> bool:
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return is_number and math.isfinite(value) and name not in _NOT_MEASURED  # type: ignore[arg-type]
+
+
+def write_results(folder: RunFolder, results: Mapping[str, Any]) -> None:
+    """Write an experiment's results into its folder.
+
+    Raises:
+        FileError: They cannot be written.
+    """
+    folder.write_json(RESULTS_FILE, results)

@@ -1,0 +1,254 @@
+"""Does an experiment's runs: each when what it needs is there, several at a time.
+
+A run that is done is not done again, one that was interrupted goes on, one whose process was
+killed is begun again a few times, and one that failed is reported while the others go on. The
+folder of an experiment:
+
+    <run>/          of each run, as the command that does it alone would leave it, and `run.json`
+    log.jsonl       what happened and when, one JSON object a line, added to by every call
+    results.json    all runs, and their results over the seeds
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import dataclasses
+from datetime import datetime, timezone
+from enum import Enum
+import json
+from pathlib import Path
+import time
+from typing import Any, NamedTuple
+
+from spikelane.experiment.engine import Ended, Engine
+from spikelane.experiment.plan import find_runs, make_run_folder, Plan, Run, write_run
+from spikelane.experiment.worker import Progress, read_progress
+from spikelane.run_folder import RunFolder
+from spikelane_sim.files import FileError
+
+LOG_FILE = 'log.jsonl'
+
+_POLL_S = 0.05
+_PROGRESS_S = 0.5
+
+
+class State(Enum):
+    """Where a run stands."""
+
+    FOUND = 'found'  # was finished before
+    WAITING = 'waiting'
+    RUNNING = 'running'
+    DONE = 'done'
+    FAILED = 'failed'
+    BLOCKED = 'blocked'  # what it needs failed
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether its results are there."""
+        return self in (State.FOUND, State.DONE)
+
+
+@dataclasses.dataclass
+class Status:
+    """How a run fares.
+
+    Attributes:
+        run: Which.
+        state: Where it stands.
+        folder: Its own; None before it is begun.
+        is_begun: Whether an earlier process has left something to go on with.
+        attempts: Processes started.
+        message: Why it failed, '' where it did not.
+        started_s: When its process was started, by the monotonic clock [s].
+        first: What it said of its progress first, and when [s].
+        last: What it said last, and when [s].
+    """
+
+    run: Run
+    state: State = State.WAITING
+    folder: RunFolder | None = None
+    is_begun: bool = False
+    attempts: int = 0
+    message: str = ''
+    started_s: float = 0.0
+    first: tuple[float, Progress] | None = None
+    last: tuple[float, Progress] | None = None
+
+    @property
+    def steps_per_s(self) -> float | None:
+        """Its speed since its process first spoke, None before that is known."""
+        rate = self._rate(lambda progress: progress.steps)
+        return rate or None
+
+    @property
+    def left_s(self) -> float | None:
+        """Time it will still take at its speed [s]."""
+        rate = self._rate(lambda progress: progress.share)
+        return (1.0 - self.last[1].share) / rate if rate and self.last else None
+
+    def _rate(self, of: Callable[[Progress], float]) -> float:
+        if self.first is None or self.last is None or self.last[0] <= self.first[0]:
+            return 0.0
+        return (of(self.last[1]) - of(self.first[1])) / (self.last[0] - self.first[0])
+
+
+class Counts(NamedTuple):
+    """How many runs stand where."""
+
+    finished: int
+    failed: int
+    blocked: int
+    total: int
+
+
+class Runner:
+    """Does the runs of a plan.
+
+    Attributes:
+        statuses: Of the runs, by name, in the plan's order.
+    """
+
+    def __init__(self, plan: Plan, root: Path, retries: int) -> None:
+        """Find out what there is to do.
+
+        Args:
+            plan: The runs.
+            root: The experiment's folder.
+            retries: How often a run is begun again whose process was killed.
+        """
+        self._root = root
+        self._retries = retries
+        self.statuses = {run.name: Status(run) for run in plan.runs}
+        for name, found in find_runs(root, plan.runs).items():
+            status = self.statuses[name]
+            status.folder, status.is_begun = found.folder, True
+            if found.is_finished:
+                status.state = State.FOUND
+
+    @property
+    def counts(self) -> Counts:
+        """How many runs stand where."""
+        states = [status.state for status in self.statuses.values()]
+        return Counts(
+            sum(state.is_finished for state in states),
+            states.count(State.FAILED),
+            states.count(State.BLOCKED),
+            len(states),
+        )
+
+    def run(self, engine: Engine, show: Callable[[Status | None], None]) -> Counts:
+        """Do what is to be done.
+
+        Args:
+            engine: Does it; is stopped at the end, however that comes.
+            show: Called with a run that has begun or ended, and with None every half a second.
+
+        Raises:
+            SpikelaneError: The experiment's folder cannot be written.
+        """
+        self._log('begin', total=self.counts.total, found=self.counts.finished)
+        try:
+            self._run(engine, show)
+        except BaseException as error:
+            self._log('interrupt', message=str(error) or type(error).__name__)
+            raise
+        finally:
+            engine.stop()
+        counts = self.counts
+        self._log('finish', **counts._asdict())
+        return counts
+
+    def _run(self, engine: Engine, show: Callable[[Status | None], None]) -> None:
+        shown_s = 0.0
+        while True:
+            for ended in engine.ended():
+                self._end(ended)
+                show(self.statuses[ended.name])
+            running = sum(each.state is State.RUNNING for each in self.statuses.values())
+            for status in self._ready():
+                if running >= engine.slots:
+                    break
+                self._start(status, engine)
+                running += 1
+                show(status)
+            if not running:
+                return
+            if time.monotonic() - shown_s >= _PROGRESS_S:
+                self._read_progress()
+                show(None)
+                shown_s = time.monotonic()
+            time.sleep(_POLL_S)
+
+    def _ready(self) -> Iterator[Status]:
+        """Yield the runs that can be begun; those that never can are marked."""
+        for status in self.statuses.values():
+            if status.state is not State.WAITING:
+                continue
+            before = self._before(status)
+            if before is None or before.state.is_finished:
+                yield status
+            elif before.state in (State.FAILED, State.BLOCKED):
+                status.state = State.BLOCKED
+                status.message = f'needs {before.run.name}'
+                self._log('block', status)
+
+    def _start(self, status: Status, engine: Engine) -> None:
+        before = self._before(status)
+        before_folder = None if before is None else before.folder
+        if status.folder is None:
+            status.folder = make_run_folder(self._root, status.run, before_folder)
+        else:
+            write_run(status.folder, status.run, before_folder)
+        status.attempts += 1
+        status.state = State.RUNNING
+        status.started_s = time.monotonic()
+        status.first = status.last = None
+        self._log('start', status, attempt=status.attempts, is_continued=status.is_begun)
+        status.is_begun = True
+        engine.start(status.run.name, status.folder.path)
+
+    def _end(self, ended: Ended) -> None:
+        status = self.statuses[ended.name]
+        wall_time_s = round(time.monotonic() - status.started_s, 3)
+        status.message = ended.message
+        assert status.folder is not None  # it was started
+        if ended.status == 0 and status.folder.metrics.exists():
+            status.state = State.DONE
+            self._log('done', status, wall_time_s=wall_time_s)
+        elif ended.status < 0 and status.attempts <= self._retries:
+            status.state = State.WAITING
+            self._log('retry', status, wall_time_s=wall_time_s, message=ended.message)
+        else:
+            status.state = State.FAILED
+            status.message = ended.message or 'ended without results'
+            self._log('fail', status, wall_time_s=wall_time_s, message=status.message)
+
+    def _before(self, status: Status) -> Status | None:
+        return None if status.run.before is None else self.statuses[status.run.before]
+
+    def _read_progress(self) -> None:
+        now_s = time.monotonic()
+        for status in self.statuses.values():
+            if status.state is not State.RUNNING or status.folder is None:
+                continue
+            progress = read_progress(status.folder)
+            if progress is not None and (status.last is None or status.last[1] != progress):
+                status.last = (now_s, progress)
+                status.first = status.first or status.last
+
+    def _log(self, event: str, status: Status | None = None, **facts: Any) -> None:
+        """Add a line to the log; a line is written at once, so that a kill leaves whole ones."""
+        entry: dict[str, Any] = {
+            'time': datetime.now(timezone.utc).isoformat(timespec='milliseconds'),
+            'event': event,
+        }
+        if status is not None:
+            folder = None if status.folder is None else status.folder.path.name
+            entry |= {'run': status.run.name, 'folder': folder}
+        try:
+            with (self._root / LOG_FILE).open('a', encoding='utf-8') as file:
+                file.write(json.dumps(entry | facts) + '\n')
+        except OSError as error:
+            raise FileError(
+                f'{self._root / LOG_FILE}: cannot be written: {error.strerror}'
+            ) from None

@@ -1,0 +1,184 @@
+"""What a run of an experiment can be: each task is an entry of TASKS, and nowhere else named.
+
+A task makes a configuration of what the experiment's file says, which is how runs are compared,
+and does it in a folder, going on with what it finds there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import json
+import time
+from typing import Any, NamedTuple, Protocol
+
+from spikelane.evaluation import evaluate, EvaluateConfig, EvaluationParameters, ShowShare
+from spikelane.evaluation import make_config as make_evaluate_config
+from spikelane.run_folder import RunFolder
+from spikelane.training import make_config as make_train_config
+from spikelane.training import report_training, train, TrainConfig
+from spikelane_controllers.registry import controller_class
+from spikelane_controllers.training import TrainingParameters
+from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.parameters import parameter, Parameters
+
+#: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
+FROM_RUN = '(of the run before)'
+
+
+class Point(NamedTuple):
+    """One place in an experiment's matrix."""
+
+    controller: str
+    scenario: str
+    seed: int
+    transport: str
+    parameters: Mapping[str, Any]  # under dotted names
+    course: str  # to evaluate on, '' for the scenario's
+
+
+class Need(NamedTuple):
+    """A run whose checkpoint another takes: the one at the same place of the matrix."""
+
+    task: str
+    controller: str
+
+
+class Configured(Protocol):
+    """Everything that determines a run."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it under names, of JSON's kinds."""
+
+
+class Task(NamedTuple):
+    """A kind of run."""
+
+    options: type[Parameters]  # what the file may say of it
+    is_of_conditions: bool  # whether there is a run for each course and condition
+    is_for: Callable[[str], bool]  # whether a controller takes part
+    needs: Callable[[str], Sequence[Need]]  # of a controller: the first that is planned is taken
+    must_have_need: bool  # whether it cannot do without
+    # Of options and the checkpoint taken: a folder, or FROM_RUN; None where none is.
+    configure: Callable[[Point, Any, str | None], Configured]
+    run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainOptions(Parameters):
+    """How a controller is trained."""
+
+    steps: int = parameter(
+        0, 'How long, as --steps of `spikelane train`; 0: as long as usual.', low=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(Parameters):
+    """How a controller is evaluated."""
+
+    laps: int = parameter(1, 'Laps in a row.', low=1)
+    seeds: int = parameter(EvaluationParameters.seeds, 'Seeds of laps.', low=1, high=1_000_000)
+    seed_offset: int = parameter(
+        0, "The first seed of laps, counted from the run's.", low=0, high=2**40
+    )
+    lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of the course.')
+
+
+def _configure_training(
+    point: Point, options: TrainOptions, checkpoint: str | None
+) -> TrainConfig:
+    del checkpoint
+    return make_train_config(
+        point.scenario,
+        point.controller,
+        point.seed,
+        point.transport,
+        point.parameters,
+        options.steps or TrainingParameters.steps,
+    )
+
+
+def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
+    resume = folder.checkpoint.exists()
+    start_s = time.monotonic()
+
+    def show_steps(steps: int, progress_m: float) -> None:
+        del progress_m
+        show(steps, min(1.0, steps / config.training.steps))
+
+    if config.transport == 'inprocess':
+        training = train(config, folder, show_steps, resume=resume)
+    else:
+        try:
+            # Here and not above: in-process it must work where there is no ROS.
+            from spikelane.nodes.training import train_over_ros
+        except ImportError as error:
+            raise SpikelaneError(
+                f'transport: expected ROS 2 and the built workspace for ros, got {error}'
+            ) from None
+        training = train_over_ros(config, folder, show_steps, resume=resume)
+    wall_time_s = None if resume else time.monotonic() - start_s
+    return report_training(config, training, folder, wall_time_s)
+
+
+def _configure_evaluation(
+    point: Point, options: EvaluateOptions, checkpoint: str | None
+) -> EvaluateConfig:
+    taken = {} if checkpoint is None else {f'{point.controller}.checkpoint': checkpoint}
+    return make_evaluate_config(
+        point.scenario,
+        point.controller,
+        point.seed + options.seed_offset,
+        point.transport,
+        {'simulator.episode.max_laps': options.laps, **point.parameters, **taken},
+        {
+            'seeds': options.seeds,
+            'lanes': options.lanes,
+            'courses': (point.course,) if point.course else (),
+        },
+    )
+
+
+def _learns(controller: str) -> bool:
+    names = {spec.name for spec in controller_class(controller).parameters_class.specs()}
+    return 'learning' in names
+
+
+TASKS: Mapping[str, Task] = {
+    'train': Task(
+        options=TrainOptions,
+        is_of_conditions=False,
+        is_for=_learns,
+        needs=lambda controller: (),
+        must_have_need=False,
+        configure=_configure_training,
+        run=_train,
+    ),
+    'evaluate': Task(
+        options=EvaluateOptions,
+        is_of_conditions=True,
+        is_for=lambda controller: True,
+        # Where it is not trained in the experiment, it drives with the weights shipped.
+        needs=lambda controller: (Need('train', controller),),
+        must_have_need=False,
+        configure=_configure_evaluation,
+        run=evaluate,
+    ),
+}
+
+
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values as they are after being written as JSON and read again."""
+    return dict(json.loads(json.dumps(values)))
+
+
+def task_named(name: str) -> Task:
+    """Return a task.
+
+    Raises:
+        ParameterError: There is no such task.
+    """
+    if name not in TASKS:
+        raise ParameterError(f'task: expected one of {", ".join(TASKS)}, got {name!r}')
+    return TASKS[name]

@@ -1,0 +1,167 @@
+"""One run of an experiment, in a process of its own: `python -m spikelane.experiment.worker DIR`.
+
+It does what `run.json` in the folder says, going on where an earlier process stopped, and writes
+how far it is into `progress.json`. Ends with 0, or with 1 and a last line that says why. Only one
+process at a time works in a folder: another one waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import contextlib
+import fcntl
+import json
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+from types import FrameType
+from typing import Any, NamedTuple
+
+from spikelane.experiment.plan import RUN_FILE
+from spikelane.experiment.tasks import Point, task_named
+from spikelane.run_folder import RunFolder
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import FileError, write_bytes_atomically
+
+PROGRESS_FILE = 'progress.json'
+LOG = Path('logs') / 'worker.log'
+
+#: Bits can depend on how many threads a library shares a sum among; runs are spread instead.
+ONE_THREAD = dict.fromkeys(
+    ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS'), '1'
+)
+
+_PERIOD_S = 0.5
+_LOCK_S = 30.0  # for the process before, whose runner was killed, to notice and end
+
+
+class Progress(NamedTuple):
+    """How far a run is."""
+
+    steps: int
+    share: float
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Do the run in the folder given.
+
+    Returns:
+        0 done, 1 failed, 128 + n when ended by signal n.
+    """
+    signal.signal(signal.SIGTERM, _raise_exit)
+    (path,) = sys.argv[1:] if arguments is None else arguments
+    try:
+        with locked(Path(path)):
+            do_run(RunFolder(Path(path)))
+    except SpikelaneError as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    return 0
+
+
+def do_run(folder: RunFolder) -> None:
+    """Do the run in a folder, unless it is done.
+
+    Raises:
+        SpikelaneError: It failed.
+    """
+    if folder.metrics.exists():
+        return
+    values = _read(folder.path / RUN_FILE)
+    task = task_named(values['identity']['task'])
+    checkpoint = values['checkpoint']
+    config = task.configure(
+        Point(**values['point']),
+        task.options.from_mapping(values['options']),
+        None if checkpoint is None else str((folder.path / checkpoint).resolve()),
+    )
+    folder.write_config(config.to_dict())
+    with contextlib.suppress(OSError):
+        (folder.path / PROGRESS_FILE).unlink()
+    task.run(config, folder, _Reporter(folder.path / PROGRESS_FILE))
+
+
+def read_progress(folder: RunFolder) -> Progress | None:
+    """Return how far a run says it is, None where it has not said anything."""
+    try:
+        return Progress(**json.loads((folder.path / PROGRESS_FILE).read_text('utf-8')))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+@contextlib.contextmanager
+def locked(path: Path, patience_s: float = _LOCK_S) -> Iterator[None]:
+    """Hold a folder for this process; the lock goes with the process, however it ends.
+
+    Args:
+        path: The folder.
+        patience_s: How long to wait for another process [s].
+
+    Raises:
+        FileError: There is no such folder, or another process does not leave it.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise FileError(
+            f'{path}: cannot be opened: {error.strerror}; every machine that takes part must see '
+            'the folder'
+        ) from None
+    try:
+        deadline_s = time.monotonic() + patience_s
+        while not _try_lock(descriptor):
+            if time.monotonic() >= deadline_s:
+                raise FileError(f'{path}: another process works here')
+            time.sleep(0.05)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+class _Reporter:
+    """Writes how far a run is, every half a second."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._due_s = 0.0
+        self._countdown = 0
+
+    def __call__(self, steps: int, share: float) -> None:
+        # Asking for the time at every step would cost more than all else here.
+        self._countdown -= 1
+        if self._countdown > 0 and share < 1.0:
+            return
+        self._countdown = 20
+        now_s = time.monotonic()
+        if now_s >= self._due_s or share >= 1.0:
+            self._due_s = now_s + _PERIOD_S
+            content = json.dumps(Progress(steps, share)._asdict()).encode()
+            write_bytes_atomically(self._path, content, sync=False)
+
+
+def _try_lock(descriptor: int) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text('utf-8')))
+    except (OSError, ValueError) as error:
+        raise FileError(f'{path}: expected what a run is, got a file unread: {error}') from None
+
+
+def _raise_exit(number: int, frame: FrameType | None) -> None:
+    del frame
+    raise SystemExit(128 + number)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,186 @@
+"""From a camera's events to steps of 50 ms: cropped, scaled and binned by time; see `sensor`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from spikelane_sim.codecs import Decoder
+from spikelane_sim.contract import STEP_NS
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
+from spikelane_sim.parameters import parameter, Parameters
+
+SOURCES = ('auto', 'simulator', 'camera')
+
+
+class SensorStep(NamedTuple):
+    """What the camera saw in one step."""
+
+    stamp_ns: int  # the step's end
+    events: Events  # in the order of time
+
+
+class Crop(NamedTuple):
+    """A part of the image."""
+
+    left: int  # first column [px]
+    top: int  # first row [px]
+    width: int  # [px]
+    height: int  # [px]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorParameters(Parameters):
+    """How event packets become steps."""
+
+    source: str = parameter(
+        'auto',
+        'Whether a packet is a step (simulator), or packets are cropped, scaled and binned by '
+        'time (camera). auto: a simulator where there are lane states, or where the time base of '
+        'the first packet is one step before its stamp.',
+        choices=SOURCES,
+    )
+    crop_left: int = parameter(
+        -1, "First column of a camera's image that is used; -1: in the middle.", unit='px', low=-1
+    )
+    crop_top: int = parameter(
+        -1, "First row of a camera's image that is used; -1: in the middle.", unit='px', low=-1
+    )
+    crop_width: int = parameter(
+        0,
+        "Columns of a camera's image that are used, the rows by the shape that is wanted; "
+        '0: as many as there are.',
+        unit='px',
+        low=0,
+    )
+    one_per_pixel: bool = parameter(
+        True, "Keep only the first event of each pixel in a step of a camera's events."
+    )
+    longest_pause_s: float = parameter(
+        1.0,
+        'Steps begin anew where a camera has no event for longer.',
+        unit='s',
+        low=0.05,
+        high=60.0,
+    )
+
+
+def find_crop(
+    width: int, height: int, parameters: SensorParameters, to_width: int, to_height: int
+) -> Crop:
+    """Return the part of a camera's image that is scaled.
+
+    Args:
+        width: Columns of the camera [px].
+        height: Rows of the camera [px].
+        parameters: Which part is asked for.
+        to_width: Columns it is scaled to [px].
+        to_height: Rows it is scaled to [px].
+
+    Raises:
+        ParameterError: It is not inside the image.
+    """
+    crop_width = parameters.crop_width or min(width, height * to_width // to_height)
+    crop_height = crop_width * to_height // to_width
+    left = parameters.crop_left if parameters.crop_left >= 0 else (width - crop_width) // 2
+    top = parameters.crop_top if parameters.crop_top >= 0 else (height - crop_height) // 2
+    is_inside = 0 <= left <= width - crop_width and 0 <= top <= height - crop_height
+    if not is_inside or crop_width < 1 or crop_height < 1:
+        raise ParameterError(
+            f'crop_left, crop_top, crop_width: expected a part of {width} x {height} px, '
+            f'got {crop_width} x {crop_height} px from ({left}, {top}) on'
+        )
+    return Crop(left, top, crop_width, crop_height)
+
+
+def scale_events(events: Events, crop: Crop, to_width: int, to_height: int) -> Events:
+    """Return the events inside a part of the image, scaled to another size.
+
+    Args:
+        events: Of the whole image, (N,).
+        crop: The part.
+        to_width: Columns of the result [px].
+        to_height: Rows of the result [px].
+
+    Returns:
+        The events inside, in their order, (M,).
+    """
+    x, y = events['x'].astype(np.int64) - crop.left, events['y'].astype(np.int64) - crop.top
+    inside = (x >= 0) & (x < crop.width) & (y >= 0) & (y < crop.height)
+    scaled = events[inside]
+    scaled['x'] = x[inside] * to_width // crop.width
+    scaled['y'] = y[inside] * to_height // crop.height
+    return scaled
+
+
+def first_per_pixel(events: Events, width: int, height: int) -> Events:
+    """Return the first event of each pixel of an image, in their order."""
+    pixels = events['y'].astype(np.int64) * width + events['x']
+    numbers = np.arange(len(events))
+    first = np.empty(width * height, np.int64)
+    first[pixels[::-1]] = numbers[::-1]  # of several values, the last one stays
+    kept: Events = events[first[pixels] == numbers]
+    return kept
+
+
+class Bins:
+    """The steps of one camera; where its time jumps they begin anew."""
+
+    def __init__(self, parameters: SensorParameters, crop: Crop, width: int, height: int) -> None:
+        self.decoder = Decoder()
+        self.restarts = 0
+        self._crop, self._size = crop, (width, height)
+        self._one_per_pixel = parameters.one_per_pixel
+        self._pause_ns = round(parameters.longest_pause_s * 1e9)
+        self._offset_ns: int | None = None  # from the sensor's time to that of the stamps
+        self._latest_ns = 0  # time of the last event
+        self._end_ns = 0  # of the step that is being gathered
+        self._gathered: list[Events] = []
+
+    def add(self, events: Events, stamp_ns: int) -> list[SensorStep]:
+        """Take events in sensor time, in the order of time; return the steps that are complete."""
+        jumps = np.flatnonzero(np.diff(events['t']) > self._pause_ns) + 1
+        steps: list[SensorStep] = []
+        for piece in np.split(events, jumps):
+            if len(piece):
+                steps += self._add_piece(piece, stamp_ns)
+        return steps
+
+    def _add_piece(self, events: Events, stamp_ns: int) -> list[SensorStep]:
+        first_ns = int(events['t'][0])
+        if self._offset_ns is None or self._jumps(first_ns + self._offset_ns):
+            self.restarts += self._offset_ns is not None
+            # Not back in time where a pause is inside a packet.
+            begin_ns = stamp_ns if self._offset_ns is None else max(stamp_ns, self._latest_ns)
+            self._offset_ns = begin_ns - first_ns
+            self._latest_ns, self._end_ns = begin_ns, begin_ns + STEP_NS
+            self._gathered = []
+        # A camera's time may go back a little from packet to packet.
+        times_ns = np.maximum(events['t'] + self._offset_ns, self._latest_ns)
+        self._latest_ns = int(times_ns[-1])
+        scaled = events.copy()
+        scaled['t'] = times_ns
+        steps: list[SensorStep] = []
+        begin = 0
+        while self._latest_ns >= self._end_ns:
+            end = int(np.searchsorted(times_ns, self._end_ns))
+            self._gathered.append(scaled[begin:end])
+            steps.append(self._complete())
+            begin = end
+        self._gathered.append(scaled[begin:])
+        return steps
+
+    def _jumps(self, t_ns: int) -> bool:
+        return not -STEP_NS <= t_ns - self._latest_ns <= self._pause_ns
+
+    def _complete(self) -> SensorStep:
+        events = scale_events(np.concatenate(self._gathered), self._crop, *self._size)
+        if self._one_per_pixel:
+            events = first_per_pixel(events, *self._size)
+        step = SensorStep(self._end_ns, events)
+        self._end_ns += STEP_NS
+        self._gathered = []
+        return step

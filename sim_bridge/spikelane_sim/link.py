@@ -1,0 +1,73 @@
+"""What lies between a robot and its controller: events get lost, commands come late.
+
+Without delay the answer to an observation drives the wheels in the very next step. With a delay of
+n steps the answers to the last n observations are on their way; until the first arrives the wheels
+stand still. Events are lost one by one, each with the same probability, whatever the others do.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from spikelane_sim.contract import STANDSTILL, STEP_NS, WheelVelocities
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events
+from spikelane_sim.parameters import parameter, Parameters
+
+STEP_MS = STEP_NS // 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkParameters(Parameters):
+    """The connection between robot and controller."""
+
+    latency_ms: int = parameter(
+        0,
+        f'From an observation to its command, beyond the usual; whole steps of {STEP_MS} ms.',
+        unit='ms',
+        low=0,
+        high=60_000,
+    )
+    event_loss: float = parameter(0.0, 'Share of events that are lost.', low=0.0, high=1.0)
+
+    def _check_relations(self) -> None:
+        # Robots are given one pair of velocities a step, so none can take effect within one.
+        if self.latency_ms % STEP_MS:
+            raise ParameterError(
+                f'latency_ms: expected a multiple of {STEP_MS} ms, got {self.latency_ms}'
+            )
+
+    @property
+    def latency_steps(self) -> int:
+        """Steps from an observation to its command, beyond the usual."""
+        return self.latency_ms // STEP_MS
+
+
+class Link:
+    """Carries events to the controller and commands to the robot."""
+
+    def __init__(self, parameters: LinkParameters) -> None:
+        self.parameters = parameters
+        self._commands: deque[WheelVelocities] = deque()
+        self._rng: np.random.Generator | None = None
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: nothing is on its way; losses are drawn from rng."""
+        self._rng = rng
+        self._commands = deque([STANDSTILL] * self.parameters.latency_steps)
+
+    def carry_events(self, events: Events) -> Events:
+        """Return those events, (N,), that reach the controller."""
+        loss = self.parameters.event_loss
+        if not loss:
+            return events
+        assert self._rng is not None  # every episode begins with a reset
+        return events[self._rng.random(len(events)) >= loss]
+
+    def carry_command(self, wheels: WheelVelocities) -> WheelVelocities:
+        """Send a command; return the one that arrives."""
+        self._commands.append(wheels)
+        return self._commands.popleft()

@@ -1,0 +1,186 @@
+"""YAML files for people: every value knows its line, and says it when it is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import yaml
+
+from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.parameters import ParameterSpec
+
+
+def read_yaml(path: Path, what: str, error: type[SpikelaneError]) -> YamlValue:
+    """Read a file.
+
+    Args:
+        path: The file.
+        what: It should describe, for the message that it is empty.
+        error: What is raised, by the value returned too.
+
+    Raises:
+        SpikelaneError: Of that class: the file cannot be read, or is not YAML.
+    """
+    try:
+        text = path.read_text('utf-8')
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+    except OSError as cause:
+        raise error(f'{path}: cannot be read: {cause.strerror}') from None
+    except UnicodeDecodeError:
+        raise error(f'{path}: expected a text in UTF-8') from None
+    except (yaml.YAMLError, RecursionError) as cause:
+        mark = getattr(cause, 'problem_mark', None)
+        line = f':{mark.line + 1}' if mark else ''
+        problem = getattr(cause, 'problem', None) or str(cause)
+        raise error(f'{path}{line}: not YAML: {problem}') from None
+    if tree is None:
+        raise error(f'{path}: expected {what}, got an empty file')
+    return YamlValue(tree, str(path), '', error)
+
+
+class YamlValue:
+    """A value in a file, which knows where it stands.
+
+    Attributes:
+        where: The file.
+        name: Of the value in the file, `lanes.outer.start`; '' for all of it.
+    """
+
+    def __init__(self, node: Any, where: str, name: str, error: type[SpikelaneError]) -> None:
+        self._node = node
+        self.where = where
+        self.name = name
+        self._error = error
+
+    @property
+    def place(self) -> str:
+        """File and line."""
+        return f'{self.where}:{self._node.start_mark.line + 1}'
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it is a list."""
+        return isinstance(self._node, yaml.SequenceNode)
+
+    @property
+    def is_mapping(self) -> bool:
+        """Whether it is a mapping."""
+        return isinstance(self._node, yaml.MappingNode)
+
+    def fail(self, expected: str) -> NoReturn:
+        """Refuse the value."""
+        got = self._node.value
+        if not isinstance(self._node, yaml.ScalarNode):
+            got = 'a mapping' if isinstance(self._node, yaml.MappingNode) else 'a list'
+        else:
+            got = repr(got) if got else 'nothing'
+        name = f'{self.name}: ' if self.name else ''
+        raise self._error(f'{self.place}: {name}expected {expected}, got {got}')
+
+    def refuse(self, reason: object) -> NoReturn:
+        """Refuse the value for a reason that says what was expected and what came."""
+        raise self._error(f'{self.place}: {reason}')
+
+    def fields(self, required: str = '', optional: str = '') -> dict[str, YamlValue]:
+        """Return the values of a mapping that has these keys (separated by spaces)."""
+        needed, known = required.split(), required.split() + optional.split()
+        found = dict(self.entries())
+        for name, value in found.items():
+            if name not in known:
+                of = f' of {self.name}' if self.name else ''
+                value.refuse(f'unknown key {name!r}{of}, expected {", ".join(known)}')
+        for name in needed:
+            if name not in found:
+                self.fail(f'the key {name!r}')
+        return found
+
+    def entries(self) -> Iterator[tuple[str, YamlValue]]:
+        """Yield keys and values of a mapping."""
+        if not isinstance(self._node, yaml.MappingNode):
+            self.fail('a mapping')
+        seen = set()
+        for key, node in self._node.value:
+            name = YamlValue(key, self.where, f'key of {self.name}', self._error).text()
+            inner = f'{self.name}.{name}' if self.name else name
+            value = YamlValue(node, self.where, inner, self._error)
+            if name in seen:
+                value.refuse(f'{inner}: given twice')
+            seen.add(name)
+            yield name, value
+
+    def items(self) -> list[YamlValue]:
+        """Return the values of a list."""
+        if not isinstance(self._node, yaml.SequenceNode):
+            self.fail('a list')
+        return [
+            YamlValue(node, self.where, f'{self.name}[{i}]', self._error)
+            for i, node in enumerate(self._node.value)
+        ]
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number within these limits."""
+        expected = f'a number from {low:g} to {high:g}'
+        if not isinstance(self._node, yaml.ScalarNode) or self._node.style is not None:
+            self.fail(expected)
+        try:
+            number = float(self._node.value)
+        except ValueError:
+            self.fail(expected)
+        if not low <= number <= high:  # NaN neither
+            self.fail(expected)
+        return number
+
+    def whole_number(self, low: int, high: int) -> int:
+        """Return a whole number within these limits."""
+        expected = f'a whole number from {low} to {high}'
+        is_plain = isinstance(self._node, yaml.ScalarNode) and self._node.style is None
+        if not is_plain or not self._node.value.isdecimal():
+            self.fail(expected)
+        number = int(self._node.value)
+        if not low <= number <= high:
+            self.fail(expected)
+        return number
+
+    def text(self) -> str:
+        """Return a text that is not empty."""
+        is_text = isinstance(self._node, yaml.ScalarNode) and self._node.tag.endswith(':str')
+        if not is_text or not self._node.value.strip():
+            self.fail('a text')
+        return str(self._node.value).strip()
+
+    def scalar(self, expected: str) -> str:
+        """Return what stands there for a text or a number, as it is written."""
+        if not isinstance(self._node, yaml.ScalarNode) or not self._node.value.strip():
+            self.fail(expected)
+        return str(self._node.value).strip()
+
+    def choice(self, *choices: str) -> str:
+        """Return one of these texts."""
+        if not isinstance(self._node, yaml.ScalarNode) or self._node.value not in choices:
+            self.fail(' or '.join(choices))
+        return str(self._node.value)
+
+    def parameter(self, spec: ParameterSpec) -> Any:
+        """Return the value of a parameter."""
+        try:
+            value = _plain(self._node)
+        except (yaml.YAMLError, ValueError):  # a date that is none, say
+            self.fail(spec.allowed)
+        if spec.kind is float and isinstance(value, str):
+            # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
+            value = self.number(float('-inf'), float('inf'))
+        try:
+            return spec.check(value)
+        except ParameterError as error:
+            self.refuse(error)
+
+
+def _plain(node: Any) -> Any:
+    """Return a node's value as Python's."""
+    loader = yaml.SafeLoader('')
+    try:
+        return loader.construct_object(node, deep=True)
+    finally:
+        loader.dispose()

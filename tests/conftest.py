@@ -1,0 +1,241 @@
+"""What tests of all kinds share: drives, and bags of them as other programs would write them."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+
+from spikelane.bag.writer import BagWriter
+from spikelane_controllers.registry import make_controller
+from spikelane_sim.codecs import encode
+from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
+from spikelane_sim.events import Events
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+_MSGS = Path(__file__).parents[1] / 'msgs'
+_TYPES = {
+    'lane/state': 'spikelane_msgs/msg/LaneState',
+    'event_camera/events': 'event_camera_msgs/msg/EventPacket',
+    'wheel_velocities': 'spikelane_msgs/msg/WheelVelocities',
+}
+#: Wall time of the first message, and from step to step [ns].
+_BEGIN_NS, _STEP_NS = 10**18, 5_000_000
+
+
+class Said(NamedTuple):
+    """A message on the graph."""
+
+    topic: str
+    log_ns: int
+    fields: Any
+
+
+class Seen(NamedTuple):
+    """An observation and its answer."""
+
+    observation: Observation
+    wheels: WheelVelocities | None
+
+
+def _typestore() -> Any:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in _TYPES.values():
+        package, _, stem = name.split('/')
+        text = (_MSGS / package / 'msg' / f'{stem}.msg').read_text()
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+class Drives:
+    """Makes drives, and bags of them.
+
+    Attributes:
+        types: Of the messages.
+        said: Makes a message on the graph.
+    """
+
+    said = Said
+
+    def __init__(self) -> None:
+        self.types = _typestore()
+
+    def drive(
+        self,
+        controller: str | Any,
+        *,
+        seed: int,
+        episodes: Sequence[int],
+        parameters: Mapping[str, Any] | None = None,
+        from_time_zero: bool = False,
+    ) -> list[Seen]:
+        """Drive episodes of so many steps each, as a simulator and a controller node do.
+
+        Args:
+            controller: Its name, or a controller that is ready.
+            seed: Of everything.
+            episodes: Steps of each.
+            parameters: Of the controller.
+            from_time_zero: Whether simulation time begins again with each episode.
+        """
+        if isinstance(controller, str):
+            controller = make_controller(controller, parameters)
+        seen = []
+        simulation = SimulatorParameters.from_mapping({'robot.model': 'kinematic'})
+        with Simulator(simulation) as simulator:
+            for number, steps in enumerate(episodes):
+                observation = simulator.reset(
+                    None, seed if number == 0 else None, from_time_zero=from_time_zero
+                )
+                assert observation.lane is not None
+                controller.reset(controller_rng(seed, observation.lane.episode))
+                for step in range(steps + 1):
+                    wheels = controller.step(observation)
+                    seen.append(Seen(observation, wheels))
+                    if step < steps:
+                        observation = simulator.step(wheels)
+        return seen
+
+    def say(
+        self,
+        seen: Iterable[Seen],
+        *,
+        encoding: str = 'evt3',
+        prefix: str = '/',
+        first_number: int = 7,
+    ) -> list[Said]:
+        """Return what a graph says in a drive, in order."""
+        said = []
+        for number, (observation, wheels) in enumerate(seen):
+            log_ns = _BEGIN_NS + number * _STEP_NS
+            stamp_ns = observation.stamp_ns
+            if observation.lane is not None:
+                said.append(
+                    Said(f'{prefix}lane/state', log_ns, self._lane(stamp_ns, observation.lane))
+                )
+            packet = self.packet(observation.events, stamp_ns, first_number + number, encoding)
+            said.append(Said(f'{prefix}event_camera/events', log_ns + 1000, packet))
+            if wheels is not None:
+                answer = self.wheels(stamp_ns, wheels)
+                said.append(Said(f'{prefix}wheel_velocities', log_ns + 2000, answer))
+        return said
+
+    def packet(self, events: Events, stamp_ns: int, number: int, encoding: str) -> Any:
+        """Return the packet of a step."""
+        packet = encode(encoding, events, stamp_ns, 128, 128)
+        return self._make(
+            'event_camera/events',
+            self.header(stamp_ns),
+            128,
+            128,
+            number,
+            packet.time_base_ns,
+            encoding,
+            False,
+            np.frombuffer(packet.data, np.uint8),
+        )
+
+    def wheels(self, stamp_ns: int, wheels: WheelVelocities) -> Any:
+        """Return the message of an answer."""
+        return self._make('wheel_velocities', self.header(stamp_ns), *wheels)
+
+    def header(self, stamp_ns: int) -> Any:
+        """Return a header of this stamp."""
+        stamp = self.types.types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+        return self.types.types['std_msgs/msg/Header'](stamp, 'world')
+
+    def write(
+        self,
+        path: Path,
+        said: Iterable[Said],
+        *,
+        compression: str = 'zstd',
+        max_file_bytes: int = 0,
+        facts: Mapping[str, str] | None = None,
+    ) -> Path:
+        """Write what was said with our own recorder's writer."""
+        ids: dict[str, int] = {}
+        with BagWriter(
+            path,
+            compression=compression,
+            chunk_bytes=4096,
+            max_file_bytes=max_file_bytes,
+            custom_data=facts,
+        ) as bag:
+            for topic, log_ns, fields in said:
+                name = _type_of(topic)
+                if topic not in ids:
+                    text = self.types.generate_msgdef(name, ros_version=2)[0]
+                    ids[topic] = bag.add_topic(topic, name, text)
+                data = bytes(self.types.serialize_cdr(fields, name))
+                bag.write(ids[topic], log_ns, log_ns, data)
+        return path
+
+    def write_otherwise(
+        self, path: Path, said: Iterable[Said], *, storage: str, mode: str = ''
+    ) -> Path:
+        """Write what was said with rosbags, in another storage or with rosbag2's compression."""
+        plugin = StoragePlugin.SQLITE3 if storage == 'sqlite3' else StoragePlugin.MCAP
+        writer = Writer(path, version=9, storage_plugin=plugin)
+        if mode:
+            writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+        with writer as bag:
+            connections: dict[str, Any] = {}
+            for topic, log_ns, fields in said:
+                name = _type_of(topic)
+                if topic not in connections:
+                    connections[topic] = bag.add_connection(topic, name, typestore=self.types)
+                bag.write(connections[topic], log_ns, self.types.serialize_cdr(fields, name))
+        return path
+
+    def _make(self, topic: str, *fields: Any) -> Any:
+        return self.types.types[_TYPES[topic]](*fields)
+
+    def _lane(self, stamp_ns: int, lane: LaneState) -> Any:
+        return self._make(
+            'lane/state',
+            self.header(stamp_ns),
+            lane.lane,
+            lane.distance_m,
+            lane.heading_error_rad,
+            lane.position_m,
+            lane.section,
+            lane.progress_m,
+            lane.laps,
+            lane.episode,
+            lane.step,
+            lane.terminated,
+            lane.reason,
+        )
+
+
+def _type_of(topic: str) -> str:
+    return next(name for end, name in _TYPES.items() if topic.endswith(end))
+
+
+@pytest.fixture(scope='session')
+def drives() -> Drives:
+    """Give what makes drives and bags of them."""
+    return Drives()
+
+
+@pytest.fixture(scope='session')
+def braitenberg_drive(drives: Drives) -> list[Seen]:
+    """Give three episodes that the Braitenberg controller drove with seed 5."""
+    return drives.drive('braitenberg', seed=5, episodes=(30, 20, 25))
+
+
+@pytest.fixture(scope='session')
+def bag_of(
+    drives: Drives, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[Iterable[Said]], Path]:
+    """Give what writes a bag of ours into a folder of its own."""
+
+    def write(said: Iterable[Said], **options: Any) -> Path:
+        """Write a bag; return its folder."""
+        return drives.write(tmp_path_factory.mktemp('drive') / 'bag', said, **options)
+
+    return write

@@ -1,0 +1,76 @@
+"""What hosts a controller: resets where episodes begin, and the size of its image."""
+
+import dataclasses
+
+import numpy as np
+
+from spikelane_controllers.braitenberg import BraitenbergParameters
+from spikelane_controllers.hosting import Host, image_size
+from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
+from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.events import no_events
+from spikelane_sim.parameters import nested, Parameters
+
+
+class Drawing:
+    """A controller that answers with the next number of its generator."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode."""
+        self._rng = rng
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Draw."""
+        del observation
+        return WheelVelocities(self._rng.random(), 0.0)
+
+
+def observation(episode: int, step: int) -> Observation:
+    """Return an observation of an episode; of none where it is 0."""
+    lane = LaneState('outer', 0.0, 0.0, 0.0, 'A', 0.0, 0, episode, step, False, '')
+    return Observation(0, no_events(), lane if episode else None)
+
+
+def drawn(*places: tuple[int, int]) -> list[float]:
+    """Return what is answered to observations of these episodes and steps, with seed 3."""
+    host = Host(Drawing(), 3)
+    return [host.step(observation(*place)).left for place in places]
+
+
+def numbers(episode: int, count: int) -> list[float]:
+    """Return the first numbers of an episode."""
+    return controller_rng(3, episode).random(count).tolist()
+
+
+def test_a_controller_is_reset_where_an_episode_begins() -> None:
+    """By its number, or as its steps begin again; a gap is no beginning."""
+    assert drawn((1, 0), (1, 1), (2, 0)) == numbers(1, 2) + numbers(2, 1)
+    assert drawn((1, 0), (1, 1), (1, 0), (1, 1)) == numbers(1, 2) * 2
+    assert drawn((1, 4), (1, 9), (1, 10)) == numbers(1, 3)
+    assert drawn((1, 4), (2, 9)) == numbers(1, 1) + numbers(2, 1)
+
+
+def test_without_lane_states_there_is_one_episode() -> None:
+    """Number 0; or the one that was there, where they are missing in between."""
+    assert drawn((0, 0), (0, 0), (0, 0)) == numbers(0, 3)
+    assert drawn((1, 0), (0, 0), (1, 2)) == numbers(1, 3)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bare(Parameters):
+    """Parameters of a controller without an image."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Deep(Parameters):
+    """Parameters of a controller with another image."""
+
+    image: StateImageParameters = nested(StateImageParameters)
+
+
+def test_the_image_is_the_encodings() -> None:
+    """Whatever its name; a DVS128's where there is none."""
+    wide = {'encoding.width': 256, 'encoding.cell': 32, 'encoding.height': 192}
+    assert image_size(BraitenbergParameters.from_mapping(wide)) == (256, 192)
+    assert image_size(Deep.from_mapping({'image.width': 64})) == (64, 128)
+    assert image_size(Bare()) == (128, 128)

@@ -1,0 +1,195 @@
+"""The NIR graph, read back and run by Norse: the same spikes for the same spikes."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikelane_controllers.dqn_snn import DqnSnn, DqnSnnParameters, input_values
+from spikelane_controllers.feedforward import FeedForward
+from spikelane_controllers.integrate_and_fire import (
+    input_spikes,
+    IntegrateAndFire,
+    resting_potentials,
+)
+from spikelane_controllers.nir_export import export_nir, NirExportError
+from spikelane_controllers.normalisation import normalise
+from spikelane_controllers.spiking import SPIKE_DTYPE
+from spikelane_controllers.transferred import InputScale, Transferred, write_transferred
+from spikelane_sim.encoding import StateImage
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+INPUTS, HIDDEN, STEPS = 512, 50, 400
+
+
+def drawn_network(seed: int) -> FeedForward:
+    """Draw a normalised network that is excited a little more than it is inhibited."""
+    rng = np.random.default_rng(seed)
+    return normalise(
+        FeedForward(
+            rng.normal(0.1, 1, (HIDDEN, INPUTS)).astype(np.float32),
+            rng.normal(0, 1, HIDDEN).astype(np.float32),
+            rng.normal(0.1, 1, (3, HIDDEN)).astype(np.float32),
+        )
+    ).network
+
+
+def exported(folder: Path, network: FeedForward, **values: Any) -> tuple[Any, DqnSnnParameters]:
+    """Export a network and read the graph back."""
+    import nir
+
+    checkpoint = folder / 'network.safetensors'
+    write_transferred(checkpoint, network, Transferred(network, InputScale(10, 40)), {})
+    parameters = DqnSnnParameters.from_mapping({'checkpoint': str(checkpoint), **values})
+    export_nir(folder / 'network.nir', parameters)
+    return nir.read(folder / 'network.nir'), parameters
+
+
+def norse_spikes(graph: Any, inputs: np.ndarray, v_min: float | None) -> np.ndarray:
+    """Run a graph in Norse, which knows nothing of a lowest potential, and raise them to v_min."""
+    from norse.torch import from_nir
+    import torch
+
+    network, state, outputs = from_nir(graph, dt=graph.metadata['dt']), None, []
+    with torch.no_grad():
+        for row in inputs:
+            spikes, state = network(torch.from_numpy(row[None].astype(np.float32)), state)
+            outputs.append(spikes[0].numpy().astype(int))
+            if v_min is not None:
+                for name, (neurons,) in state.state.items():
+                    state.state[name] = (neurons._replace(v=neurons.v.clamp(min=v_min)),)
+    return np.array(outputs)
+
+
+def our_spikes(
+    network: FeedForward, inputs: np.ndarray, parameters: DqnSnnParameters
+) -> np.ndarray:
+    """Run the network here."""
+    steps, sources = np.nonzero(inputs)
+    spikes = np.empty(len(steps), SPIKE_DTYPE)
+    spikes['step'], spikes['source'] = steps, sources
+    simulated = IntegrateAndFire(network, parameters.neurons)
+    return simulated.run(resting_potentials(network), spikes, len(inputs))[1].output
+
+
+def input_raster(seed: int) -> np.ndarray:
+    """Draw input spikes, (STEPS, INPUTS)."""
+    return np.random.default_rng(seed).random((STEPS, INPUTS)) < 0.3
+
+
+def test_a_graph_is_read_back_as_it_was(tmp_path: Path) -> None:
+    """Affine, IF, Affine, IF in a row, with the weights and what is around them."""
+    network = drawn_network(0)
+    graph, _ = exported(tmp_path, network)
+    names = ['input', 'to_hidden', 'hidden', 'to_output', 'action', 'output']
+    assert sorted(graph.edges) == sorted(itertools.pairwise(names))
+    kinds = [type(graph.nodes[name]).__name__ for name in names]
+    assert kinds == ['Input', 'Affine', 'IF', 'Affine', 'IF', 'Output']
+    assert (graph.nodes['to_hidden'].weight == network.hidden_weights).all()
+    assert (graph.nodes['to_hidden'].bias == network.hidden_bias).all()
+    assert (graph.nodes['to_output'].weight == network.output_weights).all()
+    assert not graph.nodes['to_output'].bias.any()
+    for name, number in (('hidden', HIDDEN), ('action', 3)):
+        neurons = graph.nodes[name]
+        assert neurons.v_threshold.tolist() == [1 - 2**-21] * number
+        assert neurons.v_reset.tolist() == [0.0] * number
+        assert neurons.r.tolist() == [1.0] * number
+    expected = {
+        'dt': 0.001,
+        'time_steps_per_observation': 10,
+        'scale_frames': 10,
+        'scale_maximum': 40,
+        'v_min': 0.0,
+        'trace_decay': 0.8,
+    }
+    assert {name: graph.metadata[name] for name in expected} == expected
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_norse_fires_the_same_spikes(tmp_path: Path, seed: int) -> None:
+    """Exactly as NIR has it, without a lowest potential."""
+    network = drawn_network(seed)
+    graph, parameters = exported(tmp_path, network, **{'neurons.clamped': False})
+    assert 'v_min' not in graph.metadata
+    inputs = input_raster(seed)
+    ours = our_spikes(network, inputs, parameters)
+    assert ours.sum() > 5
+    assert (norse_spikes(graph, inputs, None) == ours).all()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_norse_with_a_lowest_potential_fires_as_the_controller(tmp_path: Path, seed: int) -> None:
+    """Whoever raises potentials to v_min after each time step; without, it makes a difference."""
+    network = drawn_network(seed)
+    graph, parameters = exported(tmp_path, network)
+    inputs = input_raster(seed)
+    ours = our_spikes(network, inputs, parameters)
+    assert ours.sum() > 5
+    assert (norse_spikes(graph, inputs, float(graph.metadata['v_min'])) == ours).all()
+    assert (norse_spikes(graph, inputs, None) != ours).any()
+
+
+def test_norse_fires_as_the_shipped_network_does_on_the_road(tmp_path: Path) -> None:
+    """100 steps of 50 ms, the events of which make 1,000 time steps of input spikes."""
+    import nir
+
+    export_nir(tmp_path / 'lane.nir', DqnSnnParameters())
+    graph = nir.read(tmp_path / 'lane.nir')
+    parameters = {'robot.model': 'kinematic'}
+    controller, rng, rows, ours = DqnSnn(), np.random.default_rng(1), [], []
+    image = StateImage(controller.parameters.encoding)
+    controller.reset(np.random.default_rng(1))  # the same numbers as rng
+    with Simulator(SimulatorParameters.from_mapping(parameters)) as simulator:
+        observation = simulator.reset('outer', 1)
+        for _ in range(100):
+            image.add(observation.events)
+            scale = InputScale(graph.metadata['scale_frames'], graph.metadata['scale_maximum'])
+            values = input_values(image.counts, graph.metadata['input_frames'], scale)
+            raster = np.zeros((graph.metadata['time_steps_per_observation'], INPUTS), bool)
+            drawn = input_spikes(values, controller.parameters.neurons, rng)
+            raster[drawn['step'], drawn['source']] = True
+            rows.append(raster)
+            observation = simulator.step(controller.step(observation))
+            ours.append(controller.spikes)
+    theirs = norse_spikes(graph, np.vstack(rows), float(graph.metadata['v_min']))
+    assert sum(map(sum, ours)) > 3
+    assert theirs.reshape(100, 10, 3).sum(axis=1).tolist() == [list(each) for each in ours]
+
+
+def test_where_nothing_inhibits_the_lowest_potential_makes_no_difference(tmp_path: Path) -> None:
+    """Then NIR's graph is the controller's network as it stands."""
+    network = drawn_network(4)
+    excited = normalise(FeedForward(*(np.maximum(each, 0) for each in network))).network
+    graph, parameters = exported(tmp_path, excited)
+    ours = our_spikes(excited, input_raster(4), parameters)
+    assert ours.sum() > 20
+    assert (norse_spikes(graph, input_raster(4), None) == ours).all()
+
+
+def test_firing_at_and_above_the_threshold_are_the_same(tmp_path: Path) -> None:
+    """Norse fires above: four inputs of a quarter reach it exactly."""
+    quarter = np.zeros((1, INPUTS), np.float32)
+    quarter[0, :4] = 0.25
+    network = FeedForward(quarter, np.zeros(1, np.float32), np.eye(3, 1, dtype=np.float32))
+    graph, parameters = exported(tmp_path, network)
+    inputs = np.zeros((5, INPUTS), bool)
+    inputs[1:4, :4] = [[1, 1, 1, 1], [1, 1, 1, 0], [0, 0, 0, 1]]
+    expected = [[0, 0, 0], [1, 0, 0], [0, 0, 0], [1, 0, 0], [0, 0, 0]]
+    assert our_spikes(network, inputs, parameters).tolist() == expected
+    assert norse_spikes(graph, inputs, None).tolist() == expected
+
+
+def test_what_nir_lacks_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reset by subtraction; and NIR itself may not be there."""
+    with pytest.raises(NirExportError, match=r'neurons.reset: expected zero, .* got subtract'):
+        exported(tmp_path, drawn_network(0), **{'neurons.reset': 'subtract'})
+    monkeypatch.setitem(sys.modules, 'nir', None)
+    checkpoint = str(tmp_path / 'network.safetensors')
+    with pytest.raises(NirExportError, match=r'found none: pip install nir==1\.0\.8'):
+        export_nir(tmp_path / 'x.nir', DqnSnnParameters(checkpoint=checkpoint))
+    assert not (tmp_path / 'x.nir').exists()

@@ -1,0 +1,170 @@
+"""Deep Q-learning: buffer, exploration, and updates against a calculation of their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from spikelane_controllers.dqn_parameters import QLearningParameters
+from spikelane_controllers.q_learning import QLearning
+from spikelane_controllers.q_network import initial_network, QNetwork, QNetworkParameters
+from spikelane_controllers.replay import Replay
+from spikelane_sim.errors import CheckpointError
+
+INPUTS, ACTIONS = 20, 3
+SIZES = QNetworkParameters(hidden_1=8, hidden_2=6, initial_bound=0.5)
+
+
+def network_of(seed: int = 0) -> QNetwork:
+    """Return a small network."""
+    return initial_network(np.random.default_rng(seed), INPUTS, ACTIONS, SIZES)
+
+
+def learner_of(**parameters: Any) -> QLearning:
+    """Return a learner that updates after each transition from the first on."""
+    values = {'random_steps': 0, 'update_every': 1, 'batch_size': 4, 'buffer_size': 10}
+    return QLearning(QLearningParameters(**(values | parameters)), network_of())
+
+
+def transitions(count: int, seed: int = 5) -> list[tuple[Any, ...]]:
+    """Return transitions between random binary states."""
+    rng = np.random.default_rng(seed)
+    states = rng.integers(0, 2, (2 * count, INPUTS)).astype(np.uint8)
+    return [
+        (states[2 * n], int(rng.integers(3)), float(rng.random()), states[2 * n + 1], n % 3 == 0)
+        for n in range(count)
+    ]
+
+
+def teach(learner: QLearning, steps: list[tuple[Any, ...]], rng: np.random.Generator) -> None:
+    """Let it learn from transitions."""
+    for state, action, reward, next_state, is_final in steps:
+        learner.learn(state, action, reward, next_state, rng, is_final=is_final)
+
+
+@pytest.mark.parametrize(
+    ('steps', 'rate'),
+    [(0, 1.0), (999, 1.0), (1000, 1.0), (25_500, 0.55), (50_000, 0.1), (90_000, 0.1)],
+)
+def test_exploration_falls_as_in_the_papers_table(steps: int, rate: float) -> None:
+    """From 1 to 0.1 over 49,000 steps after 1,000."""
+    assert QLearningParameters().exploration_rate(steps) == pytest.approx(rate, abs=1e-12)
+
+
+def test_the_buffer_keeps_the_last_transitions() -> None:
+    """And gives them back, bit by bit."""
+    given = transitions(12)
+    replay = Replay(5, INPUTS)
+    for state, action, reward, next_state, is_final in given:
+        replay.add(state, action, reward, next_state, is_final=is_final)
+    assert len(replay) == 5
+    kept = {(*s, a, np.float32(r), *n, bool(f)) for s, a, r, n, f in given[7:]}
+    batch = replay.sample(200, np.random.default_rng(0))
+    got = {(*s, a, r, *n, bool(f)) for s, a, r, n, f in zip(*batch, strict=True)}
+    assert got == kept
+    assert batch.states.shape == (200, INPUTS)
+
+
+def test_an_update_is_that_of_double_q_learning() -> None:
+    """Against Adam and a target written out, over several updates of a single transition."""
+    learner = learner_of(buffer_size=1, soft_update=0.25, learning_rate=0.01, discount=0.9)
+    (state, action, reward, next_state, _) = transitions(1)[0]
+    layers = [torch.tensor(each, dtype=torch.float64, requires_grad=True) for each in network_of()]
+    target = [each.detach().clone() for each in layers]
+    adam = torch.optim.Adam(layers, lr=0.01)
+
+    def values(parts: list[torch.Tensor], given: np.ndarray) -> torch.Tensor:
+        x = torch.tensor(given, dtype=torch.float64)
+        x = torch.relu(x @ parts[0] + parts[1])
+        x = torch.relu(x @ parts[2] + parts[3])
+        return x @ parts[4] + parts[5]
+
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        learner.learn(state, action, reward, next_state, rng, is_final=False)
+        with torch.no_grad():
+            best = int(values(layers, next_state).argmax())
+            aim = reward + 0.9 * values(target, next_state)[best]
+        loss = (values(layers, state)[action] - aim) ** 2
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+        with torch.no_grad():
+            for old, new in zip(target, layers, strict=True):
+                old += 0.25 * (new - old)
+        assert learner.loss == pytest.approx(loss.item(), rel=1e-4)
+    for got, expected in zip(learner.network, layers, strict=True):
+        np.testing.assert_allclose(got, expected.detach().numpy(), rtol=1e-4, atol=1e-6)
+    got_target = learner.state()
+    for name, expected in zip(QNetwork._fields, target, strict=True):
+        np.testing.assert_allclose(got_target[f'target.{name}'], expected, rtol=1e-4, atol=1e-6)
+
+
+def test_nothing_is_gained_after_a_final_transition() -> None:
+    """Its value becomes the reward alone."""
+    state, action, _, next_state, _ = transitions(1)[0]
+    learner = learner_of(buffer_size=1, soft_update=1.0, learning_rate=0.01)
+    for _ in range(300):
+        learner.learn(state, action, 2.0, next_state, np.random.default_rng(0), is_final=True)
+    assert learner.loss < 1e-3
+
+
+def test_updates_come_at_their_steps() -> None:
+    """Every fourth after the random ones."""
+    learner = learner_of(random_steps=8, update_every=4)
+    updates = []
+    for each in transitions(20):
+        teach(learner, [each], np.random.default_rng(0))
+        updates.append(learner.updates)
+    assert updates == [0] * 11 + [1] * 4 + [2] * 4 + [3]
+    assert learner.steps == 20
+
+
+def test_actions_are_random_at_first_and_greedy_without_exploration() -> None:
+    """All three by chance; then always the same."""
+    state = transitions(1)[0][0]
+    rng = np.random.default_rng(0)
+    assert {learner_of(random_steps=5).act(state, rng) for _ in range(30)} == {0, 1, 2}
+    greedy = learner_of(exploration_start=0.0, exploration_end=0.0)
+    assert len({greedy.act(state, rng) for _ in range(30)}) == 1
+
+
+def test_a_restored_learner_goes_on_bit_for_bit() -> None:
+    """With networks, Adam and buffer as they were."""
+    steps = transitions(40)
+    whole, other = learner_of(), learner_of()
+    rng = np.random.default_rng(7)
+    teach(whole, steps[:23], rng)
+    teach(other, transitions(3, seed=9), np.random.default_rng(1))
+    other.restore(whole.state())
+    rng_other = np.random.default_rng()
+    rng_other.bit_generator.state = rng.bit_generator.state
+    teach(whole, steps[23:], rng)
+    teach(other, steps[23:], rng_other)
+    assert (whole.steps, whole.updates, whole.loss) == (other.steps, other.updates, other.loss)
+    for name, value in whole.state().items():
+        assert np.array_equal(value, other.state()[name]), name
+    assert np.abs(whole.network.weights_1 - network_of().weights_1).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        (
+            'network.weights_1',
+            np.zeros((20, 9), np.float32),
+            r'weights_1: expected shape \(20, 8\)',
+        ),
+        ('adam.mean', np.full(241, np.nan, np.float32), 'adam.mean: expected'),
+        ('replay.states', np.zeros((10, 3)), 'replay.states: expected an array of uint8'),
+        ('steps', 1.5, 'steps: expected a int, got 1.5'),
+    ],
+)
+def test_the_state_of_another_learner_is_refused(name: str, value: Any, message: str) -> None:
+    """The line says what differs."""
+    learner = learner_of()
+    with pytest.raises(CheckpointError, match=message):
+        learner.restore({**learner.state(), name: value})

@@ -1,0 +1,184 @@
+"""Learning a policy from labelled states, and gathering the states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spikelane_controllers.convergence import rate_errors
+from spikelane_controllers.feedforward import activate, FeedForward
+from spikelane_controllers.gathering import gather_states, GatheringParameters
+from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
+from spikelane_controllers.normalisation import normalise
+from spikelane_controllers.transfer import (
+    accuracy,
+    class_shares,
+    Labelled,
+    learn_policy,
+    TransferError,
+    TransferParameters,
+)
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+KINEMATIC = {'robot.model': 'kinematic', 'episode.max_laps': 0, 'episode.max_steps': 200}
+
+
+def states(number: int = 600, seed: int = 0, rare: float = 0.2) -> Labelled:
+    """Make states of 12 cells, labelled by which third has most events; the last third is rare."""
+    rng = np.random.default_rng(seed)
+    third = np.where(rng.random(number) < rare, 2, rng.integers(0, 2, number))
+    counts = rng.integers(0, 3, (number, 12)).astype(np.uint8)
+    counts[np.arange(12)[None] // 4 == third[:, None]] += 6
+    return Labelled(counts, third.astype(np.int64))
+
+
+QUICK = TransferParameters(hidden=16, steps=300, learning_rate=0.01, measure_every=100)
+
+
+def test_it_learns_what_can_be_learnt() -> None:
+    """And measures it on states it was not trained with."""
+    learnt = learn_policy(states(), 3, 10, QUICK, np.random.default_rng(1))
+    assert [each.step for each in learnt.curve] == [100, 200, 300]
+    assert learnt.curve[-1].held_out == 1.0
+    assert len(learnt.held_out.actions) == 60
+    assert learnt.scale == (10, 8)
+    shapes = [each.shape for each in learnt.network]
+    assert shapes == [(16, 12), (16,), (3, 16)]
+    more = learn_policy(states(), 4, 10, QUICK, np.random.default_rng(1))
+    assert more.network.output_weights.shape == (4, 16)  # also where an action is never labelled
+    assert accuracy(learnt.network, states(seed=5), 8) > 0.99
+    wrong = Labelled(states(seed=5).counts, (states(seed=5).actions + 1) % 3)
+    assert accuracy(learnt.network, wrong, 8) < 0.01
+
+
+def test_the_same_seed_gives_the_same_weights() -> None:
+    """To the last bit, whatever PyTorch's own generator is at; another seed gives others."""
+    import torch
+
+    one = learn_policy(states(), 3, 10, QUICK, np.random.default_rng(1))
+    torch.manual_seed(99)
+    same, other = (
+        learn_policy(states(), 3, 10, QUICK, np.random.default_rng(seed)) for seed in (1, 2)
+    )
+    assert [each.tobytes() for each in one.network] == [each.tobytes() for each in same.network]
+    assert one.curve == same.curve
+    assert one.network.hidden_bias.tobytes() != other.network.hidden_bias.tobytes()
+
+
+def test_a_rare_action_is_learnt_sooner_from_balanced_batches() -> None:
+    """With one state in fifty of it."""
+    few = TransferParameters(hidden=16, steps=40, learning_rate=0.003)
+    rare = states(rare=0.02, number=1000)
+    test = states(rare=1.0, number=200, seed=8)
+    plain, balanced = (
+        accuracy(
+            learn_policy(
+                rare,
+                3,
+                10,
+                TransferParameters(**{**few.to_dict(), 'balanced': is_balanced}),
+                np.random.default_rng(0),
+            ).network,
+            test,
+            8,
+        )
+        for is_balanced in (False, True)
+    )
+    assert balanced > 0.9
+    assert balanced > plain + 0.2
+
+
+def test_a_smaller_maximum_cuts_counts_off() -> None:
+    """Counts above it are all 1."""
+    network = FeedForward(*(np.eye(3, dtype=np.float32), np.zeros(3, np.float32), np.eye(3, 3)))
+    counts = np.array([[2, 9, 4]], np.uint8)
+    assert accuracy(network, Labelled(counts, np.array([1])), 8) == 1.0
+    assert accuracy(network, Labelled(counts, np.array([0])), 2) == 1.0  # the first of equals
+    limited = TransferParameters(**{**QUICK.to_dict(), 'maximum': 5})
+    assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
+
+
+def test_a_gain_is_taken_over_by_the_first_weights() -> None:
+    """The network is for inputs without it, and as good."""
+    gained = TransferParameters(**{**QUICK.to_dict(), 'input_gain': 4.0, 'steps': 200})
+    learnt = learn_policy(states(), 3, 10, gained, np.random.default_rng(1))
+    assert accuracy(learnt.network, states(seed=5), 8) > 0.99
+    largest = np.abs(learnt.network.hidden_weights).max()
+    assert largest > 4 / np.sqrt(12) * 0.9  # initial weights are within 1 / sqrt(12)
+
+
+def test_class_shares() -> None:
+    """Of all actions, met or not."""
+    assert class_shares(np.array([0, 0, 0, 2]), 4) == [0.75, 0.0, 0.25, 0.0]
+
+
+@pytest.mark.parametrize(
+    ('given', 'message'),
+    [
+        (Labelled(states().counts[:3], states().actions[:3]), 'some to train with and some to me'),
+        (Labelled(states().counts * 0, states().actions), 'expected events in them, got none'),
+        (
+            Labelled(states().counts, states().actions * 0),
+            'several actions as labels, got 0 alone',
+        ),
+    ],
+)
+def test_states_that_teach_nothing_are_refused(given: Labelled, message: str) -> None:
+    """One sentence."""
+    with pytest.raises(TransferError, match=message):
+        learn_policy(given, 3, 10, QUICK, np.random.default_rng(0))
+
+
+def test_states_are_gathered_where_the_policy_drives() -> None:
+    """Its choices are asked for with the counts that are kept; a seed gives the same bytes."""
+    asked: list[np.ndarray] = []
+
+    def policy(counts: np.ndarray) -> int:
+        asked.append(counts.copy())
+        return int(counts[:, :16].sum() < counts[:, 16:].sum()) * 2
+
+    def gather(seed: int, share: float) -> np.ndarray:
+        asked.clear()
+        parameters = GatheringParameters(states=60, random_actions=share)
+        with Simulator(SimulatorParameters.from_mapping(KINEMATIC)) as simulator:
+            return gather_states(simulator, policy, parameters, seed)
+
+    gathered = gather(3, 0.0)
+    assert gathered.shape == (60, 512)
+    assert gathered.dtype == np.uint8
+    assert len(asked) == 60
+    assert (np.array(asked).reshape(60, 512) == gathered).all()
+    empty = np.flatnonzero(gathered.sum(axis=1) == 0)
+    assert {0, 20, 40} <= set(empty.tolist())  # an episode has 20 actions of 10 steps
+    assert gathered.sum() > 1000
+    assert (gather(3, 0.5) == gather(3, 0.5)).all()
+    assert 15 < len(asked) < 45
+    assert (gather(3, 0.5) != gather(4, 0.5)).any()
+    gather(3, 1.0)
+    assert not asked
+
+
+def test_rates_come_closer_to_activations_with_time() -> None:
+    """Down to what is lost at a reset to 0; reset by subtraction loses less."""
+    rng = np.random.default_rng(2)
+    shapes = ((40, 60), (40,), (3, 40))
+    network = normalise(FeedForward(*(rng.normal(size=s) for s in shapes))).network
+    values = (rng.random((8, 60)) * 0.5).astype(np.float32)
+    durations = (10.0, 100.0, 1000.0, 10_000.0)
+    curves = {
+        reset: rate_errors(
+            network,
+            values,
+            durations,
+            IntegrateAndFireParameters(reset=reset, clamped=False),
+            np.random.default_rng(3),
+        )
+        for reset in ('zero', 'subtract')
+    }
+    for errors in curves.values():
+        hidden = [each.hidden for each in errors]
+        assert hidden == sorted(hidden, reverse=True)
+        assert hidden[0] > 5 * hidden[-1]
+    assert curves['subtract'][-1].hidden < 0.5 * curves['zero'][-1].hidden
+    assert curves['subtract'][-1].agreement == 1.0
+    assert (activate(network, values).output > 0).any()

@@ -1,0 +1,80 @@
+"""What does the runs: how their processes' ends are told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import signal
+import sys
+
+import pytest
+
+from spikelane.experiment.engine import Ended, ended_run
+from spikelane.experiment.ray import RayEngine
+from spikelane.experiment.worker import LOG, main
+from spikelane_sim.errors import SpikelaneError
+
+
+@pytest.fixture(autouse=True)
+def _signals_as_before() -> Iterator[None]:
+    """A worker handles SIGTERM; the test runner wants its own way back."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize(
+    ('status', 'expected'),
+    [
+        (0, Ended('a', 0, '')),
+        (-9, Ended('a', -9, 'killed by signal 9')),
+        (143, Ended('a', -15, 'killed by signal 15')),
+        (130, Ended('a', -2, 'killed by signal 2')),
+        (1, Ended('a', 1, 'no such lane')),
+    ],
+)
+def test_an_end_is_told_with_its_signal_or_the_last_line(
+    tmp_path: Path, status: int, expected: Ended
+) -> None:
+    """A signal is nobody's fault, so that the run can be begun again."""
+    (tmp_path / LOG).parent.mkdir()
+    (tmp_path / LOG).write_text('driving\nno such lane\n\n')
+    assert ended_run('a', status, tmp_path) == expected
+
+
+def test_a_process_that_said_nothing_has_its_status(tmp_path: Path) -> None:
+    """There is nothing else to tell."""
+    assert ended_run('a', 3, tmp_path) == Ended('a', 3, 'ended with status 3')
+
+
+def test_without_ray_it_is_told_how_to_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody else needs it."""
+    monkeypatch.setitem(sys.modules, 'ray', None)
+    with pytest.raises(SpikelaneError, match=r'pip install ray -c requirements/constraints\.txt'):
+        RayEngine(None, None)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (None, 'run.json: expected what a run is'),
+        ('{', 'run.json: expected what a run is'),
+        ('{"identity": {"task": "fly"}}', "task: expected one of train, evaluate, got 'fly'"),
+    ],
+)
+def test_a_folder_that_is_no_run_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str | None, message: str
+) -> None:
+    """Status 1, and the last line says why."""
+    if text is not None:
+        (tmp_path / 'run.json').write_text(text)
+    assert main([str(tmp_path)]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_folder_that_this_machine_does_not_see_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As on a cluster without a common file system."""
+    assert main([str(tmp_path / 'nowhere')]) == 1
+    assert 'every machine that takes part must see the folder' in capsys.readouterr().err
