@@ -1,7 +1,7 @@
 """Set up what is missing: virtual environment, pinned packages, built workspace.
 
-Called by `setup/bootstrap run|view|test`; needs nothing but Python 3.10 to 3.12. What is complete is
-noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued, and that
+Called by `setup/bootstrap run|view|test`; needs nothing but Python 3.10 to 3.12. What is complete
+is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued, and that
 a change of a requirement or an interface repeats what depends on it and nothing else.
 
 Where ROS 2 Jazzy is sourced, the environment is put on top of it; elsewhere ROS comes from wheels.

@@ -129,7 +129,9 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     with progress(options.json) as show:
         if options.train:
             config = _training_config(options)
-            folder = RunFolder.create(options.out or _usual_folder(config), numbered=not options.out)
+            folder = RunFolder.create(
+                options.out or _usual_folder(config), numbered=not options.out
+            )
             folder.write_config(config.to_dict())
             training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
             return report_training(config, training, folder, None)
@@ -160,4 +162,6 @@ def _training_config(options: argparse.Namespace) -> TrainConfig:
 
 
 def _usual_folder(config: TrainConfig) -> Path:
-    return Path('runs', f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}')
+    return Path(
+        'runs', f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}'
+    )

@@ -73,7 +73,10 @@ class Scene:
         half_m = course.road_width_m / 2
         edges = [course.outline(side * half_m, _OUTLINE_STEP_M) for side in (-1, 1)]
         markings = [np.concatenate([piece, piece[:1]]) for piece in marking_outlines(course)]
-        for name, lines, colour in (('road', edges, _ROAD_RGB), ('markings', markings, _PAINT_RGB)):
+        for name, lines, colour in (
+            ('road', edges, _ROAD_RGB),
+            ('markings', markings, _PAINT_RGB),
+        ):
             self._recording.log(
                 f'course/{name}',
                 rerun.LineStrips2D(
@@ -217,7 +220,9 @@ def _blueprint() -> Any:
             views.Vertical(
                 views.TimeSeriesView(origin='controller/spikes', name='Spikes of a step'),
                 views.Spatial2DView(origin='controller/weights', name='Weights'),
-                views.TimeSeriesView(origin='controller', contents='$origin/reward', name='Reward'),
+                views.TimeSeriesView(
+                    origin='controller', contents='$origin/reward', name='Reward'
+                ),
             ),
             column_shares=[5, 3, 3],
         ),

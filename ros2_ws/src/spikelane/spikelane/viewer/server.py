@@ -62,9 +62,8 @@ class ViewerServer:
         """
         self._memory_mb = memory_mb
         # Both at the same time, as they must differ.
-        with _bound('web_port', web_port) as self._web_port:
-            with _bound('grpc_port', grpc_port) as self._grpc_port:
-                pass
+        with _bound('web_port', web_port) as web, _bound('grpc_port', grpc_port) as grpc:
+            self._web_port, self._grpc_port = web, grpc
         self.address = f'rerun+http://{HOST}:{self._grpc_port}/proxy'
         self.url = f'http://{HOST}:{self._web_port}?{urlencode({"url": self.address})}'
         self._processes = Processes()
