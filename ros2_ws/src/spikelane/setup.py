@@ -12,7 +12,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane']),
         ('share/spikelane', ['package.xml']),
-        ('share/spikelane/config', glob('config/*.yaml') + glob('config/*.xml')),
+        ('share/spikelane/config', glob('config/*.*')),
         ('share/spikelane/launch', glob('launch/*.launch.py')),
     ],
     install_requires=['setuptools'],
