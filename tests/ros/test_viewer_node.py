@@ -19,7 +19,7 @@ def test_it_shows_a_graph_that_runs_and_ends_quietly(graph: Any) -> None:
     viewer = graph.start('viewer', PORTS)
     graph.until(lambda: 'open http://127.0.0.1:' in viewer.log, 'the address')
     node = graph.node
-    topics = ('/lane/state', '/event_camera/events', '/ground_truth/odom', '/controller/state')
+    topics = ('/lane/state', '/event_camera/events', '/controller/state')
 
     def subscriptions(topic: str) -> list[Any]:
         infos = node.get_subscriptions_info_by_topic(topic)

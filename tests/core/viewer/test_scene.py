@@ -11,7 +11,7 @@ import pytest
 import rerun
 from rerun.recording import load_recording
 
-from spikelane.viewer.scene import Scene
+from spikelane.viewer.scene import place_on_course, Scene
 from spikelane_sim.contract import LaneState
 from spikelane_sim.course import load_course
 from spikelane_sim.events import make_events
@@ -120,3 +120,21 @@ def test_weights_are_a_picture(shown: Shown) -> None:
     shown.scene.show_weights(STEP_NS, 'weights', np.arange(64.0).reshape(2, 32))
     [[image]] = shown.read('/controller/weights/weights', 'Image:format').values()
     assert (image['width'], image['height']) == (17, 4)
+
+
+@pytest.mark.parametrize(
+    ('name', 'place'),
+    [('outer', (3.0, 0.3, 0.1)), ('outer', (9.6, 4.0, 1.6)), ('inner', (2.6, 7.4, -2.0))],
+)
+def test_the_robot_s_place_follows_from_its_lane_state(
+    name: str, place: tuple[float, float, float]
+) -> None:
+    """It is what the course locates at this lane state, on straights and arcs of both lanes."""
+    course = load_course('scenario_1')
+    point = course.locate(name, *place)
+    state = lane(point.distance_m, 1)._replace(
+        lane=name, position_m=point.position_m, heading_error_rad=point.heading_error_rad
+    )
+    x_m, y_m, heading_rad = place_on_course(course, state)
+    assert (x_m, y_m) == pytest.approx(place[:2], abs=1e-9)
+    assert math.remainder(heading_rad - place[2], math.tau) == pytest.approx(0, abs=1e-9)

@@ -1,7 +1,9 @@
 """Node `viewer`: shows in the browser what the nodes around it do, and never keeps them waiting.
 
 Its subscriptions are best effort and keep one message: what comes while nobody looks is dropped.
-So many times a second it takes what there is. It asks to be served after all others.
+So many times a second it takes what there is. They are few, as each makes every step longer:
+where the robot is follows from the lane state, which the controller is sent anyway. All of the
+process lets others go first.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ import os
 import sys
 
 from event_camera_msgs.msg import EventPacket
-from nav_msgs.msg import Odometry
 import numpy as np
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
@@ -36,7 +37,7 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As many arrays as a controller may have, each with a name of its own.
 WEIGHTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-_NICENESS = 5
+_NICENESS = 10
 _ASKING_PERIOD_S = 0.5
 
 
@@ -82,7 +83,6 @@ class Viewer(Node):
         self._taken = [
             self._subscribe(LaneState, 'lane/state', self._show_lane),
             self._subscribe(EventPacket, 'event_camera/events', self._show_events),
-            self._subscribe(Odometry, 'ground_truth/odom', self._show_robot),
             self._subscribe(ControllerState, 'controller/state', self._show_controller),
             self._subscribe(Weights, 'controller/weights', self._show_weights, WEIGHTS),
         ]
@@ -133,11 +133,6 @@ class Viewer(Node):
         events = conversions.events_from_packet(message)
         self._scene.show_events(stamp_ns, events, message.width, message.height)
 
-    def _show_robot(self, message: Odometry, stamp_ns: int) -> None:
-        pose = message.pose.pose
-        heading_rad = conversions.heading_of(pose.orientation)
-        self._scene.show_robot(stamp_ns, pose.position.x, pose.position.y, heading_rad)
-
     def _show_controller(self, message: ControllerState, stamp_ns: int) -> None:
         self._scene.show_controller(stamp_ns, message.neurons, message.spikes, message.reward)
 
@@ -161,7 +156,7 @@ class Viewer(Node):
 
 def main() -> None:
     """Run the node."""
-    os.nice(_NICENESS)
+    os.nice(_NICENESS)  # of the threads to come, too
     sys.exit(run_node(Viewer))
 
 

@@ -2,5 +2,5 @@
 
 Rerun's web viewer, as it alone of those on PyPI brings its page with it: it works without a
 network, whereas Foxglove's SDK needs an application from elsewhere to look at what it serves.
-Rerun is large (140 MB, with pyarrow 180) and hence installed only when it is asked for.
+Rerun is large (177 MB to download, with pyarrow) and hence installed only when it is asked for.
 """

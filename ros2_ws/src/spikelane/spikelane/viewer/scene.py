@@ -59,6 +59,7 @@ class Scene:
         self._path_end_ns = 0
         self._sent_at = (math.inf, math.inf)
         self._episode = 0
+        self._course: Course | None = None
         recording.send_blueprint(_blueprint())
 
     def close(self) -> None:
@@ -70,6 +71,7 @@ class Scene:
         """Show the course's markings and the edges of its road."""
         import rerun
 
+        self._course = course
         half_m = course.road_width_m / 2
         edges = [course.outline(side * half_m, _OUTLINE_STEP_M) for side in (-1, 1)]
         markings = [np.concatenate([piece, piece[:1]]) for piece in marking_outlines(course)]
@@ -130,13 +132,21 @@ class Scene:
         self._extend_path(stamp_ns, (x_m, y_m))
 
     def show_lane(self, stamp_ns: int, lane: LaneState) -> None:
-        """Show the distance from the lane's centre; a new episode begins a new path."""
+        """Show the distance from the lane's centre and, on a course that is shown, the robot.
+
+        A new episode begins a new path.
+
+        Raises:
+            CourseError: The course has no such lane.
+        """
         import rerun
 
         if lane.episode != self._episode:
             self._episode = lane.episode
             self._path.clear()
         self._log(stamp_ns, 'lane/distance', rerun.Scalars(lane.distance_m))
+        if self._course is not None:
+            self.show_robot(stamp_ns, *place_on_course(self._course, lane))
 
     def show_controller(
         self, stamp_ns: int, neurons: Sequence[str], spikes: Sequence[int], reward: float
@@ -185,6 +195,23 @@ class Scene:
     def _log(self, stamp_ns: int, entity: str, what: Any) -> None:
         self._recording.set_time(TIMELINE, duration=stamp_ns / 1e9)
         self._recording.log(entity, what)
+
+
+def place_on_course(course: Course, lane: LaneState) -> tuple[float, float, float]:
+    """Return x, y [m] and heading [rad] of the robot that has a lane state.
+
+    Raises:
+        CourseError: The course has no such lane.
+    """
+    from spikelane_sim.curve import poses_along
+
+    x_m, y_m, heading_rad = poses_along(course.lane(lane.lane).centre, lane.position_m).tolist()
+    right = math.sin(heading_rad), -math.cos(heading_rad)
+    return (
+        x_m + lane.distance_m * right[0],
+        y_m + lane.distance_m * right[1],
+        heading_rad + lane.heading_error_rad,
+    )
 
 
 def connect(address: str) -> RecordingStream:
