@@ -1,8 +1,8 @@
 """Set up what is missing: virtual environment, pinned packages, built workspace.
 
-Called by `setup/bootstrap run|view|test`; needs nothing but Python 3.10 to 3.12. What is complete
-is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued, and that
-a change of a requirement or an interface repeats what depends on it and nothing else.
+Called by `setup/bootstrap run|learn|view|test`; needs nothing but Python 3.10 to 3.12. What is
+complete is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued,
+and that a change of a requirement or an interface repeats what depends on it and nothing else.
 
 Where ROS 2 Jazzy is sourced, the environment is put on top of it; elsewhere ROS comes from wheels.
 """
@@ -66,7 +66,7 @@ class Ros(NamedTuple):
 
 
 def set_up(purpose: str) -> None:
-    """Set up what is missing for running, or for testing.
+    """Set up what is missing for running, for learning with PyTorch as well, or for testing.
 
     Raises:
         SetupError: Something is needed that only the user can install.
@@ -108,9 +108,11 @@ class RequirementLists(NamedTuple):
 
 
 def wanted_lists(purpose: str, ros: Ros) -> dict[str, RequirementLists]:
-    """Return the requirements by purpose; what is viewed or tests also runs."""
+    """Return the requirements by purpose; what tests also learns and views, all also run."""
     base = 'wheels.txt' if ros.prefix is None else 'system-ros.txt'
     lists = {'run': RequirementLists((REQUIREMENTS / base, REQUIREMENTS / 'run.txt'))}
+    if purpose in ('learn', 'test'):
+        lists['learn'] = RequirementLists((REQUIREMENTS / 'learn.txt',))
     if purpose in ('view', 'test'):
         lists['view'] = RequirementLists((REQUIREMENTS / 'view.txt',), is_closed=True)
     if purpose == 'test':

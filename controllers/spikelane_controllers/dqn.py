@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_parameters import DqnParameters
+from spikelane_controllers.pytorch import require_pytorch
 from spikelane_controllers.q_network import greedy_action, initial_network, QNetwork
 from spikelane_controllers.state import (
     array,
@@ -178,6 +179,7 @@ class Dqn:
             )
 
     def _make_learner(self) -> QLearning:
+        require_pytorch()
         # Here and not above: driving must not wait for torch.
         from spikelane_controllers.q_learning import QLearning
 

@@ -36,7 +36,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.plasticity_kernel import POST_DTYPE, Posts, RULE_DTYPE, run
+from spikelane_controllers.plasticity_kernel import (
+    NETWORK_DTYPE,
+    POST_DTYPE,
+    Posts,
+    RULE_DTYPE,
+    run,
+    SYNAPSE_DTYPE,
+    Workspace,
+)
 from spikelane_controllers.spiking import (
     Constants,
     DelayParameters,
@@ -46,6 +54,7 @@ from spikelane_controllers.spiking import (
     NEURON_DTYPE,
     Neurons,
     no_spikes,
+    SPIKE_DTYPE,
     Spikes,
 )
 from spikelane_sim.errors import CheckpointError, ParameterError
@@ -203,8 +212,93 @@ def run_plastic_network(
     Returns:
         State at the window's end, and the spikes of the neurons in the window.
     """
-    *arrays, fired = run(*state, inputs, constants, *rule, window)
-    return PlasticState(*arrays), fired
+    network = PlasticNetwork(state, constants, rule, window)
+    fired = network.run(inputs)
+    return network.state, fired
+
+
+class PlasticNetwork:
+    """A network whose synapses learn, in progress: `run_plastic_network` without new arrays."""
+
+    def __init__(
+        self,
+        state: PlasticState,
+        constants: Constants,
+        rule: SynapseRule,
+        window: int = GRID_STEPS,
+    ) -> None:
+        """Begin with a copy of a state.
+
+        Args:
+            state: State at the first window's start.
+            constants: The neurons.
+            rule: The synapses.
+            window: Length of the windows, as in `run_plastic_network`.
+        """
+        scalars = rule.scalars[0]
+        neurons = len(state.neurons)
+        per_neuron = 1 + (window - 1) // (1 + int(constants[0]['refractory']))
+        remembered = max(len(state.history), int(scalars['delay'] + scalars['interval'])) + 1
+        work = self._work = Workspace(
+            neurons=state.neurons.copy(),
+            synapses=np.zeros(state.weights_pa.shape, SYNAPSE_DTYPE),
+            dopamine=state.dopamine.copy(),
+            arriving_pa=np.zeros((window + scalars['delay'], neurons)),
+            posts=np.zeros((neurons, remembered + per_neuron), POST_DTYPE),
+            flying=state.in_flight.copy(),
+            fired=np.empty(neurons * per_neuron, SPIKE_DTYPE),
+            counts=np.zeros(neurons, np.int64),
+        )
+        work.synapses['weight_pa'] = state.weights_pa
+        work.synapses['eligibility'], work.synapses['k_plus'] = state.eligibility, state.k_plus
+        work.arriving_pa[: scalars['delay']] = state.arriving_pa
+        for post in state.history:
+            i = post['source']
+            work.posts[i, work.counts[i]] = post
+            work.counts[i] += 1
+        self._n_flying = len(state.in_flight)
+        self._network = np.zeros(1, NETWORK_DTYPE)
+        self._network[0] = constants[0], scalars, window
+        self._tables = rule.tables
+        self._arguments = (*work, self._network, self._tables)
+
+    @property
+    def weights_pa(self) -> Weights:
+        """Weights now [pA], (n_neurons, n_inputs)."""
+        return self._work.synapses['weight_pa'].copy()
+
+    @property
+    def dopamine(self) -> NDArray[np.float64]:
+        """Dopamine at each neuron's synapses now [1/ms], (n_neurons,); may be written to."""
+        return self._work.dopamine
+
+    @property
+    def state(self) -> PlasticState:
+        """A copy of the state now."""
+        work, rule = self._work, self._network[0]['synapse']
+        history = [posts[:n] for posts, n in zip(work.posts, work.counts, strict=True)]
+        for i, posts in enumerate(history):
+            posts['source'] = i
+        return PlasticState(
+            neurons=work.neurons.copy(),
+            weights_pa=work.synapses['weight_pa'].copy(),
+            eligibility=work.synapses['eligibility'].copy(),
+            k_plus=work.synapses['k_plus'].copy(),
+            dopamine=work.dopamine.copy(),
+            in_flight=work.flying[: self._n_flying].copy(),
+            arriving_pa=work.arriving_pa[: rule['delay']].copy(),
+            history=np.concatenate(history),
+        )
+
+    def run(self, inputs: Spikes) -> Spikes:
+        """Run a window; inputs and what is returned are those of `run_plastic_network`."""
+        needed = self._n_flying + len(inputs)
+        if needed > len(self._work.flying):
+            self._work = self._work._replace(flying=np.resize(self._work.flying, 2 * needed))
+            self._arguments = (*self._work, self._network, self._tables)
+        self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
+        fired: Spikes = self._work.fired[:n_fired].copy()
+        return fired
 
 
 def check_plastic_state(state: PlasticState, like: PlasticState, rule: SynapseRule) -> None:

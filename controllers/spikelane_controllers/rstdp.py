@@ -26,8 +26,9 @@ from spikelane_controllers.decoding import (
 )
 from spikelane_controllers.plasticity import (
     check_plastic_state,
+    PlasticNetwork,
+    PlasticState,
     resting_plastic_state,
-    run_plastic_network,
     synapse_rule,
     SynapseParameters,
 )
@@ -140,7 +141,7 @@ class RStdp:
 
     @property
     def weights_pa(self) -> NDArray[np.float64]:
-        """Weights now [pA], (2, n_inputs); not to be written to."""
+        """Weights now [pA], (2, n_inputs)."""
         return self._network.weights_pa
 
     def initialise(self, rng: np.random.Generator) -> None:
@@ -149,7 +150,9 @@ class RStdp:
         weights_pa = self._trained_pa
         if weights_pa is None:
             weights_pa = rng.uniform(initial.low_pa, initial.high_pa, self._shape)
-        self._network = resting_plastic_state(weights_pa, self.parameters.delays)
+        self._network = self._in_progress(
+            resting_plastic_state(weights_pa, self.parameters.delays)
+        )
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: straight on, slowly; the network and its weights live on."""
@@ -165,9 +168,8 @@ class RStdp:
         lane = observation.lane
         self.reward = math.nan if lane is None else self.parameters.c_r * lane.distance_m
         dopamine = self.reward if self.learning and lane is not None else 0.0
-        network = self._network._replace(dopamine=np.array([-dopamine, dopamine]))
-        self._network, fired = run_plastic_network(network, inputs, self._constants, self._rule)
-        self.spikes = spike_counts(fired, len(self.neurons))
+        self._network.dopamine[:] = -dopamine, dopamine
+        self.spikes = spike_counts(self._network.run(inputs), len(self.neurons))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels
@@ -179,7 +181,7 @@ class RStdp:
         that follow are the same, bit for bit.
         """
         return {
-            **spread('network', self._network),
+            **spread('network', self._network.state),
             **spread('steering', self._steering),
             **spread_generator('rng', self._rng),
             'spikes': np.array(self.spikes, np.int64),
@@ -194,14 +196,19 @@ class RStdp:
                 changed then.
         """
         check_names(state, self.state())
-        network = gather('network', self._network, state)
-        check_plastic_state(network, self._network, self._rule)
+        like = self._network.state
+        network = gather('network', like, state)
+        check_plastic_state(network, like, self._rule)
         steering = gather('steering', self._steering, state)
         rng = gather_generator('rng', state)
         spikes = array(state, 'spikes', np.dtype(np.int64), (len(self.neurons),))
         learning = number(state, 'learning', bool)
-        self._network, self._steering, self._rng = network, steering, rng
+        self._network = self._in_progress(network)
+        self._steering, self._rng = steering, rng
         self.spikes, self.learning = tuple(spikes.tolist()), learning
+
+    def _in_progress(self, state: PlasticState) -> PlasticNetwork:
+        return PlasticNetwork(state, self._constants, self._rule)
 
     @property
     def _shape(self) -> tuple[int, int]:

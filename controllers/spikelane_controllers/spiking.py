@@ -210,33 +210,39 @@ def run_network(
 
 
 @numba.njit(cache=True)
-def advance(neuron: Any, arriving_pa: float, constants: Any) -> bool:
-    """Take a neuron over one grid step and tell whether it spikes at its end; for kernels.
+def advance_potential(potential: float, current: float, slope: float, constants: Any) -> float:
+    """Return a neuron's potential a grid step later, where it is not refractory; for kernels.
 
     Args:
-        neuron: A record of NEURON_DTYPE, changed in place.
+        potential: Field potential_mv of NEURON_DTYPE.
+        current: Field current_pa.
+        slope: Field slope_pa_per_ms.
+        constants: A record of CONSTANTS_DTYPE.
+    """
+    after: float = (
+        constants.potential_from_constant
+        + constants.potential_from_slope * slope
+        + constants.potential_from_current * current
+        + constants.membrane * potential
+        + potential
+    )
+    return after
+
+
+@numba.njit(cache=True)
+def advance_current(
+    current: float, slope: float, arriving_pa: float, constants: Any
+) -> tuple[float, float]:
+    """Return a neuron's synaptic current and its slope a grid step later; for kernels.
+
+    Args:
+        current: Field current_pa of NEURON_DTYPE.
+        slope: Field slope_pa_per_ms.
         arriving_pa: Sum of the weights of the spikes that arrive at the grid step's end.
         constants: A record of CONSTANTS_DTYPE.
     """
-    current, slope = neuron.current_pa, neuron.slope_pa_per_ms
-    if neuron.refractory > 0:
-        neuron.refractory -= 1
-    else:
-        potential = neuron.potential_mv
-        neuron.potential_mv = (
-            constants.potential_from_constant
-            + constants.potential_from_slope * slope
-            + constants.potential_from_current * current
-            + constants.membrane * potential
-            + potential
-        )
-    neuron.current_pa = constants.current_from_slope * slope + constants.synapse * current
-    neuron.slope_pa_per_ms = constants.synapse * slope + constants.slope_from_spike * arriving_pa
-    if neuron.potential_mv < constants.threshold_mv:
-        return False
-    neuron.potential_mv = constants.reset_mv
-    neuron.refractory = constants.refractory
-    return True
+    after = constants.current_from_slope * slope + constants.synapse * current
+    return after, constants.synapse * slope + constants.slope_from_spike * arriving_pa
 
 
 @numba.njit(cache=True)
@@ -281,7 +287,20 @@ def _run(
     firings = 0
     for step in range(window):
         for index in range(len(neurons)):
-            if advance(neurons[index], arriving_pa[step, index], constants[0]):
+            neuron = neurons[index]
+            current, slope = neuron.current_pa, neuron.slope_pa_per_ms
+            if neuron.refractory > 0:
+                neuron.refractory -= 1
+            else:
+                neuron.potential_mv = advance_potential(
+                    neuron.potential_mv, current, slope, constants[0]
+                )
+            neuron.current_pa, neuron.slope_pa_per_ms = advance_current(
+                current, slope, arriving_pa[step, index], constants[0]
+            )
+            if neuron.potential_mv >= constants[0].threshold_mv:
+                neuron.potential_mv = constants[0].reset_mv
+                neuron.refractory = constants[0].refractory
                 fired[firings].step = step
                 fired[firings].source = index
                 firings += 1

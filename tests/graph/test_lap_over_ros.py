@@ -193,6 +193,12 @@ def test_learnt_weights_and_parameters_are_in_the_bag(
     assert (result['agreement'], result['answers']) == (1.0, STEPS + 1)
 
 
+def test_learnt_weights_are_recorded(tmp_path: Path) -> None:
+    """Once at least, as they do not change while a lap is driven."""
+    learnt = drive_short(tmp_path / 'learnt', '--transport', 'ros', '--controller', 'rstdp')
+    assert learnt.listed_topics()['/controller/weights']['message_count'] >= 1
+
+
 def test_another_seed_gives_another_trajectory(short: Lap, tmp_path: Path) -> None:
     """Else the comparison above would mean nothing."""
     other = drive_short(tmp_path / 'other', '--transport', 'inprocess', '--seed', '4')

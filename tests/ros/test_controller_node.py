@@ -14,6 +14,7 @@ import yaml
 
 from spikelane_controllers.braitenberg import Braitenberg, BraitenbergParameters
 from spikelane_controllers.nodes.controller import ControllerNodeParameters
+from spikelane_sim import messages
 from spikelane_sim.contract import controller_rng, Observation
 from spikelane_sim.contract import WheelVelocities as Wheels
 from spikelane_sim.events import no_events
@@ -69,7 +70,7 @@ class Camera:
         self._lanes.publish(lane)
         self._packets.publish(packet)
         self.graph.until(lambda: len(self.answers_to(packet)) > seen, 'an answer')
-        return conversions.wheels_from_message(self.answers_to(packet)[-1])
+        return messages.wheels_from_message(self.answers_to(packet)[-1])
 
     def answers_to(self, packet: EventPacket) -> list[WheelVelocities]:
         """Return the answers so far with a packet's stamp."""
@@ -155,7 +156,7 @@ def test_another_observation_with_the_same_stamp_is_a_step(
     first = camera.packet(observations[0])
     camera.show(first, observations[0])
     following = renumbered(observations, 2)
-    again = camera.packet(following[0], conversions.to_stamp_ns(first.header.stamp))
+    again = camera.packet(following[0], messages.to_stamp_ns(first.header.stamp))
     camera.show(again, following[0])
     # The controller has begun the second episode.
     assert camera.show_all(following[1:]) == in_process(following, 2)[0][1:]
@@ -229,7 +230,7 @@ def test_who_joins_late_is_given_the_last_answer(
     late: list[WheelVelocities] = []
     camera.graph.node.create_subscription(WheelVelocities, 'wheel_velocities', late.append, 10)
     camera.graph.until(lambda: late)
-    assert conversions.wheels_from_message(late[0]) == answer
+    assert messages.wheels_from_message(late[0]) == answer
     assert late[0].header.stamp == packet.header.stamp
 
 

@@ -14,6 +14,7 @@ from sensor_msgs.msg import Image, JointState
 from spikelane_msgs.msg import LaneState as LaneStateMessage
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 
+from spikelane_sim import messages
 from spikelane_sim.camera import Camera, CameraParameters
 from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
 from spikelane_sim.course import load_course
@@ -47,7 +48,7 @@ ROBOT = RobotState(
 def test_stamps_are_seconds_and_nanoseconds(stamp_ns: int, time: Time) -> None:
     """Both ways."""
     assert conversions.to_time(stamp_ns) == time
-    assert conversions.to_stamp_ns(time) == stamp_ns
+    assert messages.to_stamp_ns(time) == stamp_ns
 
 
 @pytest.mark.parametrize('encoding', ['evt3', 'mono'])
@@ -68,7 +69,7 @@ def test_a_packet_taken_apart_can_be_put_together() -> None:
     message.header.stamp = Time(sec=1, nanosec=50_000_000)
     message.is_bigendian = True
     message.events = array('B', [1, 2, 3])
-    packet = conversions.received_packet(message)
+    packet = messages.received_packet(message)
     assert (packet.stamp_ns, packet.sequence, packet.time_base_ns) == (STAMP_NS, 3, 5)
     assert (packet.encoding, packet.width, packet.height) == ('mono', 8, 9)
     assert (bytes(packet.data), packet.is_bigendian) == (b'\1\2\3', True)
@@ -99,13 +100,13 @@ def test_a_lane_state_comes_back_as_it_was() -> None:
     conversions.fill_lane_state(message, lane, STAMP_NS)
     assert (message.distance, message.progress, message.laps) == (-0.125, 31.5, 2)
     assert message.header.stamp.nanosec == 50_000_000
-    assert conversions.lane_state_from_message(message) == lane
+    assert messages.lane_state_from_message(message) == lane
 
 
 def test_wheels_keep_their_sides() -> None:
     """Left is left."""
     message = WheelVelocitiesMessage(left=1.0, right=2.0)
-    assert conversions.wheels_from_message(message) == WheelVelocities(left=1.0, right=2.0)
+    assert messages.wheels_from_message(message) == WheelVelocities(left=1.0, right=2.0)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from spikelane_msgs.msg import WheelVelocities
 from spikelane.bag.drive import RecordedDrive
 from spikelane.comparison import Answer
 from spikelane.replay import make_config, replay, summarise
-from spikelane_sim.nodes import conversions
+from spikelane_sim import messages
 
 pytestmark = pytest.mark.ros
 
@@ -111,8 +111,7 @@ def test_a_real_camera_is_answered_packet_by_packet(
     graph.until(lambda: len(got) >= 25, 'all answers')
     # The last one is sent again as subscribers come and go.
     answers = {
-        conversions.to_stamp_ns(each.header.stamp): conversions.wheels_from_message(each)
-        for each in got
+        messages.to_stamp_ns(each.header.stamp): messages.wheels_from_message(each) for each in got
     }
     assert answers == {each.stamp_ns: each.replayed for each in expected}
 

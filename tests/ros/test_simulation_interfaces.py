@@ -25,7 +25,8 @@ from simulation_interfaces.srv import (
 from spikelane_msgs.msg import LaneState, WheelVelocities
 from spikelane_msgs.srv import Reset
 
-from spikelane_sim.nodes.conversions import to_stamp_ns, to_time
+from spikelane_sim.messages import to_stamp_ns
+from spikelane_sim.nodes.conversions import to_time
 
 pytestmark = pytest.mark.ros
 

@@ -25,7 +25,8 @@ import yaml
 
 from spikelane_sim.contract import Observation
 from spikelane_sim.contract import WheelVelocities as Wheels
-from spikelane_sim.nodes.conversions import events_from_packet, to_stamp_ns
+from spikelane_sim.messages import to_stamp_ns
+from spikelane_sim.nodes.conversions import events_from_packet
 from spikelane_sim.nodes.simulator import SimulatorNodeParameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 

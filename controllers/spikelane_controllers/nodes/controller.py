@@ -21,6 +21,7 @@ from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
+from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
 from spikelane_sim.errors import ParameterError
@@ -172,19 +173,19 @@ class ControllerNode(Node):
             self.context.try_shutdown()
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
-        identity = _Identity(conversions.to_stamp_ns(packet.header.stamp), packet.seq)
+        identity = _Identity(messages.to_stamp_ns(packet.header.stamp), packet.seq)
         if identity == self._seen:
             self._send_answer()
             return
         self._seen = identity
-        for step in self._sensor.add(conversions.received_packet(packet)):
+        for step in self._sensor.add(messages.received_packet(packet)):
             with self._lock:
                 self._step(lane, step.events, step.stamp_ns)
                 self._is_answered = True
             self._send_answer()
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
-        lane_state = None if lane is None else conversions.lane_state_from_message(lane)
+        lane_state = None if lane is None else messages.lane_state_from_message(lane)
         observation = Observation(stamp_ns, events, lane_state)
         self._answer.left, self._answer.right = self._host.step(observation)
         self._answer.header.stamp = conversions.to_time(stamp_ns)
@@ -226,7 +227,7 @@ def _warm_up(controller: Controller) -> None:
     """
     packet = EventPacket(width=1, height=1)
     conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
-    lane = conversions.lane_state_from_message(LaneState())
+    lane = messages.lane_state_from_message(LaneState())
     controller.reset(controller_rng(0, 0))
-    for step in Sensor(has_lane=True).add(conversions.received_packet(packet)):
+    for step in Sensor(has_lane=True).add(messages.received_packet(packet)):
         controller.step(Observation(step.stamp_ns, step.events, lane))

@@ -17,6 +17,7 @@ from spikelane_controllers.nodes.controller import ControllerNode
 from spikelane_controllers.registry import controller_class, training_class
 from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
 from spikelane_controllers.training import LearningController, Training
+from spikelane_sim import messages
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
@@ -120,11 +121,11 @@ class LearningNode(ControllerNode):
             self.exit_status = 1
             self.context.try_shutdown()
             return
-        self._first_stamp_ns = conversions.to_stamp_ns(response.stamp)
+        self._first_stamp_ns = messages.to_stamp_ns(response.stamp)
         super()._start()
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
-        if self._first_stamp_ns not in (None, conversions.to_stamp_ns(packet.header.stamp)):
+        if self._first_stamp_ns not in (None, messages.to_stamp_ns(packet.header.stamp)):
             return
         self._first_stamp_ns = None
         if not self._is_done:  # the next observation may be here before the node has ended

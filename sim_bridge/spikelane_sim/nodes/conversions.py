@@ -1,4 +1,4 @@
-"""Between the core's records and ROS messages; the one file that knows both."""
+"""From the core's records to ROS messages; the way back needs no ROS: `spikelane_sim.messages`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from spikelane_msgs.msg import LaneState as LaneStateMessage
-from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 
 from spikelane_sim.camera import Camera
 from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import Events
+from spikelane_sim.messages import to_stamp_ns
 from spikelane_sim.sensor import ReceivedPacket
 
 WORLD_FRAME = 'odom'
@@ -35,11 +35,6 @@ def to_time(stamp_ns: int) -> Time:
     return Time(sec=seconds, nanosec=nanoseconds)
 
 
-def to_stamp_ns(time: Time) -> int:
-    """Return a message's stamp [ns]."""
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
 def fill_event_packet(
     message: EventPacket, events: Events, stamp_ns: int, sequence: int, encoding: str
 ) -> None:
@@ -53,22 +48,8 @@ def fill_event_packet(
     message.events = array('B', packet.data)
 
 
-def received_packet(message: EventPacket) -> ReceivedPacket:
-    """Return a packet's fields; its bytes stay where they are."""
-    return ReceivedPacket(
-        to_stamp_ns(message.header.stamp),
-        message.seq,
-        message.encoding,
-        memoryview(message.events),
-        message.time_base,
-        message.width,
-        message.height,
-        message.is_bigendian,
-    )
-
-
 def fill_received_packet(message: EventPacket, packet: ReceivedPacket) -> None:
-    """Put back what `received_packet` took out."""
+    """Put back what `messages.received_packet` took out."""
     message.header.stamp = to_time(packet.stamp_ns)
     message.seq = packet.sequence
     message.encoding = packet.encoding
@@ -112,28 +93,6 @@ def fill_lane_state(message: LaneStateMessage, lane: LaneState, stamp_ns: int) -
     message.step = lane.step
     message.terminated = lane.terminated
     message.reason = lane.reason
-
-
-def lane_state_from_message(message: LaneStateMessage) -> LaneState:
-    """Return what `fill_lane_state` put in."""
-    return LaneState(
-        lane=message.lane,
-        distance_m=message.distance,
-        heading_error_rad=message.heading_error,
-        position_m=message.position,
-        section=message.section,
-        progress_m=message.progress,
-        laps=message.laps,
-        episode=message.episode,
-        step=message.step,
-        terminated=message.terminated,
-        reason=message.reason,
-    )
-
-
-def wheels_from_message(message: WheelVelocitiesMessage) -> WheelVelocities:
-    """Return the wheel velocities of a message [rad/s]."""
-    return WheelVelocities(message.left, message.right)
 
 
 def wheels_from_twist(twist: Twist, wheel_radius_m: float, track_m: float) -> WheelVelocities:

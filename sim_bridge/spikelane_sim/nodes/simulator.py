@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 from std_msgs.msg import Float64MultiArray
 
+from spikelane_sim import messages
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
@@ -139,8 +140,8 @@ class SimulatorNode(Node):
         self._stepper.audience_changed()
 
     def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
-        stamp_ns = conversions.to_stamp_ns(message.header.stamp)
-        self._stepper.command(stamp_ns, conversions.wheels_from_message(message))
+        stamp_ns = messages.to_stamp_ns(message.header.stamp)
+        self._stepper.command(stamp_ns, messages.wheels_from_message(message))
         self._diagnostics.notice()
 
     def _take_usual_commands(self, is_stamped: bool) -> None:

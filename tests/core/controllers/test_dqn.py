@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from spikelane_controllers.checkpoint import write_checkpoint
 from spikelane_controllers.dqn import Dqn
 from spikelane_controllers.dqn_parameters import DqnParameters
+from spikelane_controllers.pytorch import MissingPyTorchError
 from spikelane_controllers.q_network import greedy_action
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.env import LaneKeepingEnv
@@ -211,3 +213,16 @@ def test_driving_does_not_wait_for_torch() -> None:
         env={'PYTHONPATH': ':'.join(sys.path)},
     )
     assert done.stdout.strip() == 'False'
+
+
+def test_without_pytorch_it_drives_but_does_not_learn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message says how to get it."""
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, 'find_spec', lambda name: None if name == 'torch' else found(name)
+    )
+    controller = dqn_of()
+    controller.reset(np.random.default_rng(0))
+    assert controller.step(seen(0, (64, 64))).left > 0
+    with pytest.raises(MissingPyTorchError, match='setup/bootstrap learn'):
+        dqn_of(learning=True).initialise(np.random.default_rng(0))

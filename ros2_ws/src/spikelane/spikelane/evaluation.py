@@ -20,9 +20,9 @@ from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, share_statistics
 from spikelane.trajectory import write_csv
+from spikelane.transport import over_ros
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import load_course, scenario_course
-from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -246,12 +246,5 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
 def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
     if config.transport == 'inprocess':
         return drive_lap(config, show)
-    try:
-        # Here and not above: in-process it must work where there is no ROS.
-        from spikelane.nodes.lap import drive_lap_over_ros
-    except ImportError as error:
-        raise SpikelaneError(
-            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
-        ) from None
-    driven: DrivenLap = drive_lap_over_ros(config, folder, show)
+    driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)
     return driven

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.trajectory import Pose, Trajectory, trajectory_from_messages, TrajectoryError
-from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.errors import BagError, PacketError
+from spikelane_sim.messages import lane_state_from_message, to_stamp_ns, wheels_from_message
 
 LANE_STATE = '/lane/state'
 ODOMETRY = '/ground_truth/odom'
@@ -53,9 +53,16 @@ def read_trajectory(bag: Path, episode: int | None = None) -> Trajectory:
             nearest[key] = recorded
     try:
         return trajectory_from_messages(
-            [(recorded.stamp_ns, _lane_state(recorded.message)) for recorded in lane_states],
+            [
+                (recorded.stamp_ns, lane_state_from_message(recorded.message))
+                for recorded in lane_states
+            ],
             {s: _pose(r.message) for (topic, s), r in nearest.items() if topic == ODOMETRY},
-            {s: _wheels(r.message) for (topic, s), r in nearest.items() if topic == WHEELS},
+            {
+                s: wheels_from_message(r.message)
+                for (topic, s), r in nearest.items()
+                if topic == WHEELS
+            },
             {s: _count_events(r.message) for (topic, s), r in nearest.items() if topic == EVENTS},
         )
     except (TrajectoryError, PacketError) as error:
@@ -132,22 +139,6 @@ def _is_repeated(recorded: _Recorded, last: _Recorded) -> bool:
     )
 
 
-def _lane_state(message: Any) -> LaneState:
-    return LaneState(
-        lane=message.lane,
-        distance_m=message.distance,
-        heading_error_rad=message.heading_error,
-        position_m=message.position,
-        section=message.section,
-        progress_m=message.progress,
-        laps=message.laps,
-        episode=message.episode,
-        step=message.step,
-        terminated=message.terminated,
-        reason=message.reason,
-    )
-
-
 def _pose(message: Any) -> Pose:
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     return Pose(
@@ -156,18 +147,13 @@ def _pose(message: Any) -> Pose:
     )
 
 
-def _wheels(message: Any) -> WheelVelocities:
-    return WheelVelocities(message.left, message.right)
-
-
 def _count_events(message: Any) -> int:
     from spikelane_sim import codecs
 
-    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
     events = codecs.decode(
         message.encoding,
         message.events.tobytes(),
-        stamp_ns=stamp_ns,
+        stamp_ns=to_stamp_ns(message.header.stamp),
         time_base_ns=message.time_base,
         width=message.width,
         height=message.height,

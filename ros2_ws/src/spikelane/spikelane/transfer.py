@@ -19,6 +19,7 @@ from spikelane_controllers.dqn_parameters import DqnParameters
 from spikelane_controllers.gathering import gather_states, GatheringParameters
 from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
 from spikelane_controllers.normalisation import normalise, Normalised
+from spikelane_controllers.pytorch import require_pytorch
 from spikelane_controllers.q_network import action_values
 from spikelane_controllers.states import NAME, read_states
 from spikelane_controllers.transfer import (
@@ -148,6 +149,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
     Raises:
         SpikelaneError: The policy or its states cannot be read, or not learnt from.
     """
+    require_pytorch()  # before anything is driven
     policy = _policy(config)
     file = find_checkpoint('dqn', config.checkpoint)
     parts: dict[str, NDArray[np.uint8]] = {}

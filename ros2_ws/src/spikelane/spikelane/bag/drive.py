@@ -15,6 +15,12 @@ from spikelane.bag.source import BagSource, SourceMessage
 from spikelane_sim.codecs import DECODABLE
 from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.errors import BagError
+from spikelane_sim.messages import (
+    lane_state_from_message,
+    received_packet,
+    to_stamp_ns,
+    wheels_from_message,
+)
 from spikelane_sim.sensor import ReceivedPacket
 
 EVENT_PACKET = 'event_camera_msgs/msg/EventPacket'
@@ -174,7 +180,9 @@ class RecordedDrive:
     def _record(self, message: SourceMessage) -> _Record:
         fields = self.source.read(message)
         try:
-            return _Record(_stamp_ns(fields), _CONVERSIONS[message.type_name](fields))
+            return _Record(
+                to_stamp_ns(fields.header.stamp), _CONVERSIONS[message.type_name](fields)
+            )
         except AttributeError as error:  # of a definition that is not ours
             raise BagError(
                 f'{self.source.path}: {message.topic}: expected the fields of '
@@ -254,46 +262,8 @@ def _nearest(
     return nearest.value
 
 
-def _stamp_ns(fields: Any) -> int:
-    stamp = fields.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def _packet(fields: Any) -> ReceivedPacket:
-    return ReceivedPacket(
-        _stamp_ns(fields),
-        fields.seq,
-        fields.encoding,
-        fields.events,
-        fields.time_base,
-        fields.width,
-        fields.height,
-        fields.is_bigendian,
-    )
-
-
-def _wheels(fields: Any) -> WheelVelocities:
-    return WheelVelocities(fields.left, fields.right)
-
-
-def _lane_state(fields: Any) -> LaneState:
-    return LaneState(
-        lane=fields.lane,
-        distance_m=fields.distance,
-        heading_error_rad=fields.heading_error,
-        position_m=fields.position,
-        section=fields.section,
-        progress_m=fields.progress,
-        laps=fields.laps,
-        episode=fields.episode,
-        step=fields.step,
-        terminated=fields.terminated,
-        reason=fields.reason,
-    )
-
-
 _CONVERSIONS: Mapping[str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities]] = {
-    EVENT_PACKET: _packet,
-    LANE_STATE: _lane_state,
-    WHEEL_VELOCITIES: _wheels,
+    EVENT_PACKET: received_packet,
+    LANE_STATE: lane_state_from_message,
+    WHEEL_VELOCITIES: wheels_from_message,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from pathlib import Path
 import subprocess
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from spikelane.bench.unavailable import BenchmarkUnavailableError
 from spikelane_controllers.plasticity import (
+    PlasticNetwork,
     resting_plastic_state,
-    run_plastic_network,
     synapse_rule,
     SynapseParameters,
 )
@@ -31,6 +32,8 @@ from spikelane_controllers.spiking import (
 from spikelane_sim.errors import SpikelaneError
 
 NEST_VERSION = '3.10.0'
+#: Time in which it must be installed, where it is missing [s].
+INSTALLATION_S = 600
 NEURONS, INPUTS = 2, 32
 
 #: Spikes of all inputs in a second: about what the paper's camera causes on its course.
@@ -57,24 +60,20 @@ def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
     Returns:
         `ratio`, NEST's time of a window over ours, dopamine set in both; `ratio_slow_set`, the
         same with NEST's slower way; `ratio_simulate`, without NEST's setting the dopamine; the
-        medians of the times, `ours_us`, `nest_us` and `nest_simulate_us`; and how well both
+        usual times, `ours_us`, `nest_us` and `nest_simulate_us`; and how well both
         agree, `same_spikes` and `weight_difference_pa`.
 
     Raises:
-        BenchmarkUnavailableError: NEST is not installed.
+        BenchmarkUnavailableError: NEST is missing and cannot be installed.
         SpikelaneError: NEST failed.
     """
-    if importlib.util.find_spec('nest') is None:
-        raise BenchmarkUnavailableError(
-            f'expected NEST to compare with, it is missing: pip install '
-            f'nest-simulator=={NEST_VERSION}'
-        )
+    _provide_nest()
     task = _make_task(windows, seed)
     fired, weights_pa, ours_us = _run_ours(task)
     nest = _run_nest(task)
     nest_us = nest['simulate_us'] + nest['set_us']
     quick_us, slow_us, simulate_us = (
-        float(np.median(times)) for times in (nest_us[::2], nest_us[1::2], nest['simulate_us'])
+        _usual(times) for times in (nest_us[::2], nest_us[1::2], nest['simulate_us'])
     )
     return {
         'ratio': quick_us / ours_us,
@@ -86,6 +85,28 @@ def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
         'same_spikes': fired == sorted(map(tuple, nest['fired'].tolist())),
         'weight_difference_pa': float(np.abs(weights_pa - nest['weights_pa']).max()),
     }
+
+
+def _provide_nest() -> None:
+    """Install NEST where it is missing; NumPy stays as it is, since others are compiled for it."""
+    if importlib.util.find_spec('nest') is not None:
+        return
+    nest = f'nest-simulator=={NEST_VERSION}'
+    how = f'expected NEST to compare with, it is missing: pip install {nest}'
+    if sys.prefix == sys.base_prefix:
+        raise BenchmarkUnavailableError(how)  # nothing is installed outside of an environment
+    print(f'installing {nest} to compare with ...', file=sys.stderr)
+    command = [sys.executable, '-m', 'pip', 'install', '--quiet', nest, f'numpy=={np.__version__}']
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=INSTALLATION_S
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise BenchmarkUnavailableError(f'{how} ({error})') from None
+    importlib.invalidate_caches()
+    if done.returncode or importlib.util.find_spec('nest') is None:
+        why = (done.stdout + done.stderr).strip().splitlines()
+        raise BenchmarkUnavailableError(f'{how} ({why[-1] if why else "it did not help"})')
 
 
 def _make_task(windows: int, seed: int) -> Task:
@@ -100,20 +121,26 @@ def _make_task(windows: int, seed: int) -> Task:
 
 
 def _run_ours(task: Task) -> tuple[list[tuple[int, int]], NDArray[np.float64], float]:
-    """Return the spikes, the last weights, and the median time of a window [us]."""
+    """Return the spikes, the last weights, and the usual time of a window [us]."""
     delays = DelayParameters()
     constants = neuron_constants(NeuronParameters())
     rule = synapse_rule(SynapseParameters(), delays)
-    state = resting_plastic_state(task.weights_pa, delays)
-    run_plastic_network(state, task.inputs[0], constants, rule)  # compiles
+    begin = resting_plastic_state(task.weights_pa, delays)
+    PlasticNetwork(begin, constants, rule).run(task.inputs[0])  # compiles
+    network = PlasticNetwork(begin, constants, rule)
     spikes, times_us = [], []
     for window, inputs in enumerate(task.inputs):
         start = time.perf_counter()
-        state = state._replace(dopamine=task.dopamine[window])
-        state, fired = run_plastic_network(state, inputs, constants, rule)
+        network.dopamine[:] = task.dopamine[window]
+        fired = network.run(inputs)
         times_us.append((time.perf_counter() - start) * 1e6)
         spikes += [(step + window * GRID_STEPS, neuron) for step, neuron in fired.tolist()]
-    return sorted(spikes), state.weights_pa, float(np.median(times_us))
+    return sorted(spikes), network.weights_pa, _usual(np.array(times_us))
+
+
+def _usual(times_us: NDArray[np.float64]) -> float:
+    """Return the lower quartile: what others do on the machine lengthens the longer windows."""
+    return float(np.percentile(times_us, 25))
 
 
 def _run_nest(task: Task) -> dict[str, NDArray[Any]]:

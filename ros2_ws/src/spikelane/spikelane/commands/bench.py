@@ -23,7 +23,6 @@ class Benchmark(NamedTuple):
     promise: float
     is_at_least: bool  # whether more is better
     unit: str
-    by_default: bool = True  # False: only where it is named, as its promise is not reached yet
 
     def is_kept(self, result: Result) -> bool:
         """Return whether the promise is kept."""
@@ -80,8 +79,8 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
     'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
-    'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST', by_default=False),
     'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),
+    'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST'),
     'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
 }
 
@@ -92,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'names',
         nargs='*',
         metavar='NAME',
-        help=f'which: {", ".join(BENCHMARKS)} (default: all but plasticity)',
+        help=f'which: {", ".join(BENCHMARKS)} (default: all)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
@@ -110,8 +109,7 @@ def run(options: argparse.Namespace) -> int:
         if name not in BENCHMARKS:
             raise SpikelaneError(f'expected {", ".join(BENCHMARKS)}, got {name!r}')
     results = {}
-    usual = [name for name, benchmark in BENCHMARKS.items() if benchmark.by_default]
-    for name in options.names or usual:
+    for name in options.names or BENCHMARKS:
         benchmark = BENCHMARKS[name]
         print(f'measuring {name} ...', file=sys.stderr)
         try:

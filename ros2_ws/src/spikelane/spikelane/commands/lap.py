@@ -23,7 +23,7 @@ from spikelane.lap import (
     Show,
 )
 from spikelane.run_folder import RunFolder
-from spikelane_sim.errors import SpikelaneError
+from spikelane.transport import over_ros
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,14 +61,7 @@ def run(options: argparse.Namespace) -> int:
 def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
     if config.transport == 'inprocess':
         return drive_lap(config, show)
-    try:
-        # Here and not above: laps in-process must work where there is no ROS.
-        from spikelane.nodes.lap import drive_lap_over_ros
-    except ImportError as error:
-        raise SpikelaneError(
-            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
-        ) from None
-    driven: DrivenLap = drive_lap_over_ros(config, folder, show)
+    driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)
     return driven
 
 

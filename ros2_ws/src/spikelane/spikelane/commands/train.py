@@ -12,9 +12,10 @@ from spikelane.commands.arguments import add_configuration_arguments, given_para
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, report_training, train, TrainConfig
+from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, TRAININGS
 from spikelane_controllers.training import Training
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.errors import ParameterError
 
 
 def _usual_steps() -> str:
@@ -94,14 +95,9 @@ def _folder(config: TrainConfig, out: Path | None, resume: bool) -> RunFolder:
 def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> Training:
     if config.transport == 'inprocess':
         return train(config, folder, show, resume=resume)
-    try:
-        # Here and not above: training in-process must work where there is no ROS.
-        from spikelane.nodes.training import train_over_ros
-    except ImportError as error:
-        raise SpikelaneError(
-            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
-        ) from None
-    training: Training = train_over_ros(config, folder, show, resume=resume)
+    training: Training = over_ros('training', 'train_over_ros')(
+        config, folder, show, resume=resume
+    )
     return training
 
 

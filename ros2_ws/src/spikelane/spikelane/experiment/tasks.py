@@ -17,9 +17,9 @@ from spikelane.evaluation import make_config as make_evaluate_config
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_train_config
 from spikelane.training import report_training, train, TrainConfig
+from spikelane.transport import over_ros
 from spikelane_controllers.registry import controller_class
-from spikelane_controllers.training import TrainingParameters
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 
 #: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
@@ -95,7 +95,7 @@ def _configure_training(
         point.seed,
         point.transport,
         point.parameters,
-        options.steps or TrainingParameters.steps,
+        options.steps or None,
     )
 
 
@@ -110,14 +110,9 @@ def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[s
     if config.transport == 'inprocess':
         training = train(config, folder, show_steps, resume=resume)
     else:
-        try:
-            # Here and not above: in-process it must work where there is no ROS.
-            from spikelane.nodes.training import train_over_ros
-        except ImportError as error:
-            raise SpikelaneError(
-                f'transport: expected ROS 2 and the built workspace for ros, got {error}'
-            ) from None
-        training = train_over_ros(config, folder, show_steps, resume=resume)
+        training = over_ros('training', 'train_over_ros')(
+            config, folder, show_steps, resume=resume
+        )
     wall_time_s = None if resume else time.monotonic() - start_s
     return report_training(config, training, folder, wall_time_s)
 

@@ -31,6 +31,7 @@ TOPICS = (
     '/lane/state',
     '/lane/distance',
     '/diagnostics',
+    '/controller/weights',  # of a learnt controller
     '/controller/state',
     '/event_camera/events',
     '/wheel_velocities',

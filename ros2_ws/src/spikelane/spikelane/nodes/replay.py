@@ -23,6 +23,7 @@ from spikelane_msgs.msg import LaneState, WheelVelocities
 from spikelane.bag.drive import DrivePacket, RecordedDrive
 from spikelane.comparison import Answer
 from spikelane.replay import summarise
+from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_json
@@ -164,14 +165,14 @@ class ReplayNode(Node):
         self._events.publish(self._packet_message)
 
     def _on_wheels(self, message: WheelVelocities) -> None:
-        stamp_ns = conversions.to_stamp_ns(message.header.stamp)
+        stamp_ns = messages.to_stamp_ns(message.header.stamp)
         awaited = self._pending.get(stamp_ns)
         if not awaited:
             return  # sent once more, as somebody joined
         index = awaited.pop(0)
         if not awaited:
             del self._pending[stamp_ns]
-        wheels = conversions.wheels_from_message(message)
+        wheels = messages.wheels_from_message(message)
         self._answers[index] = self._answers[index]._replace(replayed=wheels)
         if self._pending or self._has_begun:
             return

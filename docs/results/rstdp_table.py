@@ -1,0 +1,134 @@
+#!/usr/bin/env python3
+"""Prints the tables of docs/results/rstdp.md from what docs/results/rstdp.sh has left.
+
+source setup/env.sh; docs/results/rstdp_table.py OUT
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import statistics
+import sys
+from typing import Any, NamedTuple
+
+from spikelane.figures.weights import weights_correlation
+from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.weights import WEIGHTS
+
+LANES = ('outer', 'inner')
+SETTINGS = {
+    'paper': "The paper's camera",
+    'best': 'The best camera setting',
+    'reward': "The paper's camera, three times the paper's reward (`rstdp.c_r` 0.03)",
+}
+
+
+class Run(NamedTuple):
+    """A training, and the laps driven with what it learnt."""
+
+    seed: int
+    training: dict[str, Any]
+    laps: dict[str, dict[str, Any]]  # by lane; empty where they are not driven yet
+    correlation: float | None  # of the weights with the Braitenberg controller's
+
+    @property
+    def last_loss(self) -> int:
+        """Step of the last episode that ended with the lane lost."""
+        return int(self.training['last_lane_loss_step'])
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether both lanes were lapped after it."""
+        return all(self.training['laps_since'].get(lane) for lane in LANES)
+
+    @property
+    def completes(self) -> bool:
+        """Whether both lanes were driven three times in a row with learning off."""
+        return all(lap and lap['completed'] and lap['laps'] == 3 for lap in self.laps.values())
+
+    def error_m(self, lane: str) -> float | None:
+        """Mean distance from the lane's centre in those laps."""
+        lap = self.laps[lane]
+        return float(lap['mean_abs_distance_m']) if lap and lap['completed'] else None
+
+
+def main() -> None:
+    """Print a table for each setting."""
+    if len(sys.argv) != 2:
+        sys.exit('usage: rstdp_table.py OUT')
+    out = Path(sys.argv[1])
+    for setting, title in SETTINGS.items():
+        scenarios = {path.name: read_runs(path) for path in sorted(out.glob(f'{setting}/?'))}
+        scenarios = {name: runs for name, runs in scenarios.items() if runs}
+        if scenarios:
+            print(f'### {title}\n')
+            print_summary(scenarios)
+            print_seeds(scenarios)
+
+
+def read_runs(folder: Path) -> list[Run]:
+    """Read the runs of a setting and a scenario, by seed."""
+    runs = []
+    for path in sorted(folder.glob('*.train.json')):
+        seed = path.name.split('.')[0]
+        laps = {lane: read_json(folder / f'{seed}.{lane}.json') for lane in LANES}
+        arrays = read_checkpoint(folder / seed, 'rstdp').arrays
+        correlation = weights_correlation(arrays[WEIGHTS], arrays['training.weight_history'][0])
+        runs.append(Run(int(seed), read_json(path), laps, correlation['overall']))
+    return runs
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return what a command printed, or nothing where it has not run yet."""
+    content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    return content
+
+
+def print_summary(scenarios: dict[str, list[Run]]) -> None:
+    """Print a row for each scenario: median, smallest and largest of its seeds."""
+    print(
+        '| scenario | seeds | steps | last lane loss | mean error, outer | mean error, inner | ',
+        end='',
+    )
+    print('both lanes 3 times in a row | correlation with Braitenberg |')
+    print('|---|---|---|---|---|---|---|---|')
+    for name, runs in scenarios.items():
+        driven = [run for run in runs if all(run.laps.values())]
+        losses = spread([run.last_loss for run in runs], ',')
+        errors = [spread([run.error_m(lane) for run in driven], '.4f', ' m') for lane in LANES]
+        complete = f'{sum(run.completes for run in driven)} of {len(driven)}'
+        correlation = spread([run.correlation for run in runs], '.2f')
+        steps = f'{runs[0].training["steps"]:,}'
+        row = (name, str(len(runs)), steps, losses, *errors, complete, correlation)
+        print(f'| {" | ".join(row)} |')
+    print()
+
+
+def print_seeds(scenarios: dict[str, list[Run]]) -> None:
+    """Print every seed's last lane loss; `*` where no lap of both lanes came after it."""
+    for name, runs in scenarios.items():
+        losses = (
+            f'{run.seed}: {run.last_loss:,}{"" if run.has_settled else " *"}' for run in runs
+        )
+        print(f'Scenario {name}, last lane loss by seed: {", ".join(losses)}.')
+        failed = [str(run.seed) for run in runs if all(run.laps.values()) and not run.completes]
+        if failed:
+            print(f'Scenario {name}, lane lost with learning off: seeds {", ".join(failed)}.')
+    print()
+
+
+def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
+    """Return median, smallest and largest in words."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return 'none'
+    median = statistics.median(known)
+    if all(isinstance(value, int) for value in known):
+        median = round(median)
+    return f'{median:{form}}{unit} ({min(known):{form}} to {max(known):{form}})'
+
+
+if __name__ == '__main__':
+    main()

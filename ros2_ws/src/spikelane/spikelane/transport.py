@@ -1,0 +1,27 @@
+"""Reaching for ROS only where it is asked for: all else must work where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import importlib
+from typing import Any
+
+from spikelane_sim.errors import SpikelaneError
+
+
+def over_ros(module: str, function: str) -> Callable[..., Any]:
+    """Return a function of `spikelane.nodes`.
+
+    Args:
+        module: Its module there.
+        function: Its name.
+
+    Raises:
+        SpikelaneError: There is no ROS.
+    """
+    try:
+        return getattr(importlib.import_module(f'spikelane.nodes.{module}'), function)  # type: ignore[no-any-return]
+    except ImportError as error:
+        raise SpikelaneError(
+            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
+        ) from None

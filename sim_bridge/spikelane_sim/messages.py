@@ -1,0 +1,52 @@
+"""From messages to the core's records, whoever has read them: rclpy, rosbags or anybody else.
+
+Only the names of the fields matter here, so that bags can be read where there is no ROS.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from spikelane_sim.contract import LaneState, WheelVelocities
+from spikelane_sim.sensor import ReceivedPacket
+
+
+def to_stamp_ns(time: Any) -> int:
+    """Return the stamp [ns] of a builtin_interfaces/Time."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def lane_state_from_message(message: Any) -> LaneState:
+    """Return what a spikelane_msgs/LaneState says."""
+    return LaneState(
+        lane=message.lane,
+        distance_m=message.distance,
+        heading_error_rad=message.heading_error,
+        position_m=message.position,
+        section=message.section,
+        progress_m=message.progress,
+        laps=message.laps,
+        episode=message.episode,
+        step=message.step,
+        terminated=message.terminated,
+        reason=message.reason,
+    )
+
+
+def wheels_from_message(message: Any) -> WheelVelocities:
+    """Return the wheel velocities of a spikelane_msgs/WheelVelocities [rad/s]."""
+    return WheelVelocities(message.left, message.right)
+
+
+def received_packet(message: Any) -> ReceivedPacket:
+    """Return the fields of an event_camera_msgs/EventPacket; its bytes stay where they are."""
+    return ReceivedPacket(
+        to_stamp_ns(message.header.stamp),
+        message.seq,
+        message.encoding,
+        memoryview(message.events),
+        message.time_base,
+        message.width,
+        message.height,
+        message.is_bigendian,
+    )
