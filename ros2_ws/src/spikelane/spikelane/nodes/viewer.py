@@ -27,6 +27,7 @@ from spikelane.viewer.scene import connect, Scene
 from spikelane.viewer.server import GRPC_PORT, MEMORY_MB, ViewerServer, WEB_PORT
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import NotForExecutors
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -122,12 +123,12 @@ class Viewer(Node):
     def _show(self, show: Callable, message) -> None:
         """Show a message; one that cannot be shown is told of, once in a while."""
         try:
-            show(message, conversions.to_stamp_ns(message.header.stamp))
+            show(message, to_stamp_ns(message.header.stamp))
         except (SpikelaneError, ValueError) as error:
             self.get_logger().warning(f'not shown: {error}', throttle_duration_sec=5.0)
 
     def _show_lane(self, message: LaneState, stamp_ns: int) -> None:
-        self._scene.show_lane(stamp_ns, conversions.lane_state_from_message(message))
+        self._scene.show_lane(stamp_ns, lane_state_from_message(message))
 
     def _show_events(self, message: EventPacket, stamp_ns: int) -> None:
         events = conversions.events_from_packet(message)
