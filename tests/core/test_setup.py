@@ -104,6 +104,7 @@ def test_a_second_call_does_nothing(machine: Machine) -> None:
     """What is complete is not repeated; tests add their own requirements only."""
     assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
     assert machine.calls_of('run') == []
+    assert machine.calls_of('view') == ['pip view.txt']
     assert machine.calls_of('learn') == ['pip learn.txt']
     assert machine.calls_of('test') == ['pip test.txt']
     assert machine.calls_of('test') == []

@@ -437,6 +437,14 @@ def test_stamps_may_come_again_after_a_reset_of_time(tmp_path: Path) -> None:
     assert read_trajectory(bag, episode=2).equals(recorded(second))
 
 
+@pytest.mark.parametrize('again', [0, 1, 2])
+def test_an_observation_that_was_sent_again_counts_once(tmp_path: Path, again: int) -> None:
+    """As whoever joins is sent the one that waits for its answer."""
+    rows = episode_rows()
+    bag = write_bag(tmp_path / 'bag', [*rows[: again + 1], *rows[again:]])
+    assert read_trajectory(bag).equals(recorded(rows))
+
+
 def test_an_episode_that_was_reset_and_not_driven_is_passed_over(tmp_path: Path) -> None:
     """A simulator resets itself as it starts; the reset of the lap has the same number."""
     rows = episode_rows(1, 2 * STEP_NS)

@@ -12,7 +12,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane']),
         ('share/spikelane', ['package.xml']),
-        ('share/spikelane/config', glob('config/*.yaml') + glob('config/*.xml')),
+        ('share/spikelane/config', glob('config/*.*')),
         ('share/spikelane/launch', glob('launch/*.launch.py')),
     ],
     install_requires=['setuptools'],
@@ -26,6 +26,7 @@ setup(
             'spikelane = spikelane.main:main',
             'recorder = spikelane.nodes.recorder:main',
             'replay = spikelane.nodes.replay:main',
+            'viewer = spikelane.nodes.viewer:main',
         ],
     },
 )

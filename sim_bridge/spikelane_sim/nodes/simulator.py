@@ -26,6 +26,7 @@ from spikelane_sim.simulator import Simulator, SimulatorParameters
 from spikelane_sim.stepper import Publish, Stepper
 
 WAITING_WARNING_PERIOD_S = 5.0
+ENDING_CHECK_PERIOD_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,9 @@ class SimulatorNodeParameters(Parameters):
         False, 'cmd_vel is a TwistStamped instead of a Twist (realtime mode).'
     )
     autostart: bool = parameter(True, 'Begin an episode at once instead of waiting for a service.')
+    end_after_episodes: int = parameter(
+        0, 'End the node when this many episodes are over and answered; 0: never.', low=0
+    )
     lane: str = parameter('', 'Lane of the first episode; empty: the first of the course.')
     seed: int = parameter(0, 'Seed of all randomness.', low=0)
     event_encoding: str = parameter(
@@ -113,6 +117,8 @@ class SimulatorNode(Node):
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
         self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
         self._steps_at_warning = 0
+        if settings.end_after_episodes:
+            self.create_timer(ENDING_CHECK_PERIOD_S, self._end_if_over, clock=steady)
         self.get_logger().info(
             f'{settings.mode}, course {self._simulator.course.name}, seed {settings.seed}'
         )
@@ -158,6 +164,16 @@ class SimulatorNode(Node):
         robot = self._simulator.parameters.robot
         wheels = conversions.wheels_from_twist(twist, robot.wheel_radius_m, robot.track_m)
         self._stepper.command(None, wheels)
+
+    def _end_if_over(self) -> None:
+        lane = self._simulator.lane_state
+        if (
+            lane is not None
+            and lane.terminated
+            and lane.episode >= self._settings.end_after_episodes
+            and self._stepper.is_answered
+        ):
+            self.context.try_shutdown()
 
     def _warn_if_waiting(self) -> None:
         if self._stepper.steps != self._steps_at_warning:

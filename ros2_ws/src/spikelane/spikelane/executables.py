@@ -14,6 +14,7 @@ EXECUTABLES = {
     **dict.fromkeys(CONTROLLERS, 'spikelane_controllers'),
     'recorder': 'spikelane',
     'replay': 'spikelane',
+    'viewer': 'spikelane',
 }
 
 

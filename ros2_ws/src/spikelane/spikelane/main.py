@@ -22,6 +22,7 @@ COMMANDS = {
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'do all runs that a file describes',
     'report': 'write one page on many runs, against the paper',
+    'view': 'show in the browser what a robot does',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }

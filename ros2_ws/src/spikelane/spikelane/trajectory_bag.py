@@ -114,16 +114,29 @@ def _choose_episode(
 
 
 def _split_episodes(lane_states: Iterable[_Recorded]) -> list[list[_Recorded]]:
-    """Begin an episode wherever its number changes or its steps begin again."""
+    """Begin an episode wherever its number changes or its steps begin again.
+
+    An observation that waits for its answer is sent again to whoever joins then: it counts once.
+    """
     episodes: list[list[_Recorded]] = []
     before = None
     for recorded in lane_states:
         now = recorded.message
+        if before is not None and _is_repeated(recorded, episodes[-1][-1]):
+            episodes[-1][-1] = recorded
+            continue
         if before is None or now.episode != before.episode or now.step <= before.step:
             episodes.append([])
         episodes[-1].append(recorded)
         before = now
     return episodes
+
+
+def _is_repeated(recorded: _Recorded, last: _Recorded) -> bool:
+    now, before = recorded.message, last.message
+    return bool(
+        (recorded.stamp_ns, now.episode, now.step) == (last.stamp_ns, before.episode, before.step)
+    )
 
 
 def _pose(message: Any) -> Pose:

@@ -71,6 +71,16 @@ def running_nodes(
             yield processes, supervisor
 
 
+def add_viewer(parameters: dict[str, dict[str, Any]], viewer: Mapping[str, Any]) -> None:
+    """Add a viewer to the parameters of nodes that wait for each other.
+
+    It is waited for as they are, or it would be taken for one of them.
+    """
+    simulator = parameters['simulator']
+    simulator['wait_for_subscribers'] += 1
+    parameters['viewer'] = {'course': simulator['course'], **viewer}
+
+
 @contextlib.contextmanager
 def _signals_waiting() -> Iterator[None]:
     """Let SIGINT and SIGTERM wait until the block is left.

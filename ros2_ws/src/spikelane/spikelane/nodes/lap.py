@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import json
 import time
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from spikelane_msgs.srv import Reset
 
 from spikelane.lap import DrivenLap, LapConfig, Show
-from spikelane.nodes.graph import running_nodes, Supervisor
+from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory
@@ -37,18 +38,24 @@ TOPICS = (
 )
 
 
-def drive_lap_over_ros(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
+def drive_lap_over_ros(
+    config: LapConfig,
+    folder: RunFolder,
+    show: Show,
+    viewer: Mapping[str, Any] | None = None,
+) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
 
     Args:
         config: What to drive.
         folder: Where bag, logs and node parameters go.
         show: Called about once a second.
+        viewer: Parameters of a viewer that is to watch; None: there is none.
 
     Raises:
         SpikelaneError: A node ended or fell silent, or the recording is not complete.
     """
-    wall_time_s = _drive(config, folder, show, is_recorded=True)
+    wall_time_s = _drive(config, folder, show, is_recorded=True, viewer=viewer)
     trajectory = read_trajectory(folder.bag)
     _check_complete(trajectory)
     return DrivenLap(trajectory, wall_time_s, folder.bag)
@@ -69,9 +76,19 @@ def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
     return _drive(config, folder, lambda step, progress_m: None, is_recorded=False)
 
 
-def _drive(config: LapConfig, folder: RunFolder, show: Show, *, is_recorded: bool) -> float:
+def _drive(
+    config: LapConfig,
+    folder: RunFolder,
+    show: Show,
+    *,
+    is_recorded: bool,
+    viewer: Mapping[str, Any] | None = None,
+) -> float:
     nodes = ('recorder',) * is_recorded + ('simulator', config.controller)
     parameters = node_parameters(config, folder, is_recorded=is_recorded)
+    if viewer is not None:
+        nodes += ('viewer',)
+        add_viewer(parameters, viewer)
     with running_nodes(nodes, parameters, folder) as (processes, supervisor):
         wall_time_s = _drive_episode(config, config.seed, supervisor, show)
         if not is_recorded:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from spikelane.lap import Show
-from spikelane.nodes.graph import running_nodes, START_DEADLINE_S
+from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_training, TrainConfig
 from spikelane_controllers.training import Training
@@ -14,7 +15,12 @@ _END_S = 10.0  # for a node to end by itself, once it has nothing more to do
 
 
 def train_over_ros(
-    config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool
+    config: TrainConfig,
+    folder: RunFolder,
+    show: Show,
+    *,
+    resume: bool,
+    viewer: Mapping[str, Any] | None = None,
 ) -> Training:
     """Train with simulator and controller as processes.
 
@@ -23,6 +29,7 @@ def train_over_ros(
         folder: Where checkpoints, logs and node parameters go.
         show: Called about once a second.
         resume: Whether to go on from the folder's checkpoint.
+        viewer: Parameters of a viewer that is to watch; None: there is none.
 
     Returns:
         The training as its last checkpoint has it.
@@ -34,8 +41,12 @@ def train_over_ros(
     begun = make_training(config, folder, resume=resume)
     if begun.is_done:
         return begun
-    nodes = ('simulator', config.controller)
-    with running_nodes(nodes, node_parameters(config, folder), folder) as (processes, supervisor):
+    nodes: tuple[str, ...] = ('simulator', config.controller)
+    parameters = node_parameters(config, folder)
+    if viewer is not None:
+        nodes += ('viewer',)
+        add_viewer(parameters, viewer)
+    with running_nodes(nodes, parameters, folder) as (processes, supervisor):
 
         def show_progress() -> None:
             values = supervisor.values

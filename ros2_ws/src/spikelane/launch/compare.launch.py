@@ -1,0 +1,69 @@
+"""Several controllers drive the same lap side by side, each in a namespace; one bag of all.
+
+    ros2 launch spikelane compare.launch.py controllers:=braitenberg,rstdp seed:=1 bag:=both
+
+Each has a simulator of its own. All ends by itself when all laps are over.
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import OpaqueFunction
+
+from spikelane.launch import graph
+from spikelane_controllers.registry import CONTROLLERS
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments; the rest depends on them."""
+    return LaunchDescription(
+        [
+            *graph.run_arguments(),
+            graph.argument(
+                'controllers',
+                f'Which, with commas between them: {", ".join(CONTROLLERS)}.',
+                'braitenberg,rstdp',
+            ),
+            graph.argument('lane', "outer or inner; empty: the course's first.", ''),
+            graph.argument('max_steps', 'Of 50 ms each, to end the laps early; 0: none.', '0'),
+            OpaqueFunction(function=start),
+        ]
+    )
+
+
+def start(context: LaunchContext) -> list:
+    """Return the nodes and how they end.
+
+    Raises:
+        ValueError: A controller is unknown, or named twice.
+    """
+    arguments = graph.Arguments(context)
+    names = arguments.text('controllers').split(',')
+    if not set(names) <= set(CONTROLLERS) or len(set(names)) < len(names):
+        raise ValueError(
+            f'controllers: expected different ones of {", ".join(CONTROLLERS)}, '
+            f'got {",".join(names)}'
+        )
+    is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')
+    lap = {
+        'lane': arguments.text('lane'),
+        'episode.max_steps': arguments.number('max_steps'),
+        'end_after_episodes': 1,
+    }
+    pairs = [
+        [
+            # The first is the one that is shown.
+            graph.simulator(
+                arguments,
+                lap,
+                listeners=1 + is_recorded + (is_viewed and name == names[0]),
+                namespace=name,
+            ),
+            graph.controller(name, arguments, {}, listeners=1 + is_recorded, namespace=name),
+        ]
+        for name in names
+    ]
+    facts = {key: arguments.text(key) for key in ('controllers', 'scenario', 'seed')}
+    topics = ['/diagnostics', *(topic for name in names for topic in graph.in_namespace(name))]
+    recording = [graph.recorder(arguments, facts, topics)] if is_recorded else []
+    viewing = [graph.viewer({}, names[0])] if is_viewed else []
+    ending = graph.end_in_order(pairs, recording, stays=is_viewed)
+    return [*ending, *recording, *viewing, *(node for pair in pairs for node in pair)]

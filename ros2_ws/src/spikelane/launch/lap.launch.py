@@ -1,0 +1,43 @@
+"""A lap in lockstep, recorded; all ends by itself when the lap is over.
+
+ros2 launch spikelane lap.launch.py scenario:=2 controller:=rstdp seed:=1 bag:=my_lap
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import OpaqueFunction
+
+from spikelane.launch import graph
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments; the rest depends on them."""
+    return LaunchDescription(
+        [
+            *graph.run_arguments(),
+            *graph.controller_arguments(),
+            graph.argument('lane', "outer or inner; empty: the course's first.", ''),
+            graph.argument('max_steps', 'Of 50 ms each, to end the lap early; 0: none.', '0'),
+            OpaqueFunction(function=start),
+        ]
+    )
+
+
+def start(context: LaunchContext) -> list:
+    """Return the nodes and how they end."""
+    arguments = graph.Arguments(context)
+    name = arguments.text('controller')
+    is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')
+    lap = {
+        'lane': arguments.text('lane'),
+        'episode.max_steps': arguments.number('max_steps'),
+        'end_after_episodes': 1,
+    }
+    driving = [
+        graph.simulator(arguments, lap, listeners=1 + is_recorded + is_viewed),
+        graph.controller(name, arguments, {}, listeners=1 + is_recorded),
+    ]
+    facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
+    recording = [graph.recorder(arguments, facts)] if is_recorded else []
+    viewing = [graph.viewer({})] if is_viewed else []
+    ending = graph.end_in_order([driving], recording, stays=is_viewed)
+    return [*ending, *recording, *viewing, *driving]

@@ -1,0 +1,167 @@
+"""`spikelane view`: show in the browser what a robot does."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import Any
+
+from spikelane.commands.arguments import (
+    add_configuration_arguments,
+    given_parameters,
+    given_weights,
+    progress,
+)
+from spikelane.executables import find_executable
+from spikelane.lap import LapConfig, make_config, make_folder, report_lap
+from spikelane.run_folder import RunFolder
+from spikelane.training import make_config as make_training_config
+from spikelane.training import report_training, TrainConfig
+from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
+from spikelane_controllers.registry import CONTROLLERS, TRAININGS
+from spikelane_sim.errors import ParameterError, SpikelaneError
+
+_CHECK_PERIOD_S = 0.2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.epilog = (
+        'Without --controller it shows the nodes that run, those of --domain and --namespace.'
+    )
+    parser.add_argument(
+        '--controller',
+        choices=CONTROLLERS,
+        help='drive a lap with it, recorded as by `spikelane lap` (default: drive nothing)',
+    )
+    parser.add_argument(
+        '--checkpoint', metavar='DIR', help='of a controller that learns: as for `spikelane lap`'
+    )
+    parser.add_argument('--lane', help="outer or inner (default: the course's first, outer)")
+    parser.add_argument(
+        '--train', action='store_true', help='let the controller learn instead of driving a lap'
+    )
+    parser.add_argument(
+        '--steps',
+        type=int,
+        help='to learn for, as of `spikelane train` (default: the usual)',
+    )
+    parser.add_argument(
+        '--once', action='store_true', help='end when the robot has driven, not on Ctrl-C'
+    )
+    parser.add_argument('--domain', type=int, help='ROS domain of the nodes (default: the usual)')
+    parser.add_argument('--namespace', default='', help='of the nodes, such as /robot_1')
+    parser.add_argument(
+        '--port', type=int, default=WEB_PORT, help=f'of the page; 0: any (default: {WEB_PORT})'
+    )
+    parser.add_argument(
+        '--data-port',
+        type=int,
+        default=GRPC_PORT,
+        help=f'of what the page shows; 0: any (default: {GRPC_PORT})',
+    )
+    add_configuration_arguments(parser, out='runs/view-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show what runs, or drive and show.
+
+    Returns:
+        0, also where Ctrl-C ends it, as that is its usual end.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    if not options.controller:
+        return _become_viewer(options)
+    if options.domain is not None or options.namespace:
+        raise ParameterError('--domain, --namespace: expected no --controller beside them')
+    if options.transport != 'ros':
+        raise ParameterError(f'--transport: expected ros, got {options.transport}')
+    try:
+        with ViewerServer(options.port, options.data_port) as server:
+            print(f'open {server.url} in a browser', file=sys.stderr)
+            result = _drive(options, server)
+            said = json.dumps(result) if options.json else f'results: {result["folder"]}'
+            print(said, flush=True)
+            if not options.once:
+                print('all of it can be played there again; Ctrl-C ends', file=sys.stderr)
+                while True:
+                    server.check()
+                    time.sleep(_CHECK_PERIOD_S)
+    except KeyboardInterrupt:
+        return 0
+    return 0
+
+
+def _become_viewer(options: argparse.Namespace) -> int:
+    """Become the node, which prints the address."""
+    if options.train or options.checkpoint or options.once:
+        raise ParameterError('--train, --checkpoint, --once: expected --controller beside them')
+    executable = str(find_executable('viewer'))
+    command = [executable, '--ros-args']
+    command += ['-p', f'web_port:={options.port}', '-p', f'grpc_port:={options.data_port}']
+    if options.namespace:
+        command += ['-r', f'__ns:={options.namespace}']
+    environment = dict(os.environ)
+    if options.domain is not None:
+        environment['ROS_DOMAIN_ID'] = str(options.domain)
+    # What this process does with SIGTERM is forgotten, what it ignores would not be.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.stdout.flush()
+    os.execve(executable, command, environment)
+
+
+def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
+    """Let the robot drive or learn before the viewer's eyes; return the results."""
+    try:
+        # Here and not above: where there is no ROS the command must be able to say so.
+        from spikelane.nodes.lap import drive_lap_over_ros
+        from spikelane.nodes.training import train_over_ros
+    except ImportError as error:
+        raise SpikelaneError(f'expected ROS 2 and the built workspace, got {error}') from None
+    viewer = {'server': server.address}
+    with progress(options.json) as show:
+        if options.train:
+            config = _training_config(options)
+            folder = RunFolder.create(
+                options.out or _usual_folder(config), numbered=not options.out
+            )
+            folder.write_config(config.to_dict())
+            training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
+            return report_training(config, training, folder, None)
+        lap = _lap_config(options)
+        folder = make_folder(lap, options.out)
+        return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
+
+
+def _lap_config(options: argparse.Namespace) -> LapConfig:
+    parameters = given_parameters(options) | given_weights(options)
+    return make_config(
+        options.scenario, options.controller, options.lane, options.seed, 'ros', parameters
+    )
+
+
+def _training_config(options: argparse.Namespace) -> TrainConfig:
+    if options.controller not in TRAININGS:
+        expected = ', '.join(TRAININGS)
+        raise ParameterError(f'--train: expected one of {expected}, got {options.controller}')
+    return make_training_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        'ros',
+        given_parameters(options),
+        options.steps,
+    )
+
+
+def _usual_folder(config: TrainConfig) -> Path:
+    return Path(
+        'runs', f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}'
+    )

@@ -1,0 +1,249 @@
+"""The nodes that launch files start, their arguments, and the order in which all ends.
+
+Parameters are those of the YAML files, shipped or given, with what the arguments say on top.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchContext
+from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler, Shutdown
+from launch.event_handlers import OnProcessExit
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+import yaml
+
+from spikelane.executables import EXECUTABLES
+from spikelane.nodes.lap import TOPICS
+from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.weights import shipped_weights
+
+#: A busy machine may keep a recorder away for a second.
+_RECORDED_DEPTH = 1000
+#: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
+_GLOBAL_TOPICS = ('/clock', '/tf', '/tf_static')
+
+
+class Arguments:
+    """The arguments of a launch, as they were given."""
+
+    def __init__(self, context: LaunchContext) -> None:
+        self._context = context
+
+    def text(self, name: str) -> str:
+        """Return an argument; one that the launch file does not have is empty."""
+        return LaunchConfiguration(name, default='').perform(self._context)
+
+    def number(self, name: str) -> int:
+        """Return an argument that is a whole number.
+
+        Raises:
+            ValueError: It is not.
+        """
+        try:
+            return int(self.text(name))
+        except ValueError:
+            raise ValueError(f'{name}: expected a whole number, got {self.text(name)!r}') from None
+
+    def is_true(self, name: str) -> bool:
+        """Return an argument that is true or false."""
+        return self.text(name) == 'true'
+
+
+def argument(
+    name: str, description: str, default: str | None = None, choices: Sequence[str] | None = None
+) -> DeclareLaunchArgument:
+    """Declare an argument; one without a default must be given."""
+    return DeclareLaunchArgument(
+        name,
+        description=description,
+        default_value=default,
+        choices=None if choices is None else list(choices),
+    )
+
+
+def flag(name: str, description: str, default: bool) -> DeclareLaunchArgument:
+    """Declare an argument that is true or false."""
+    return argument(name, description, str(default).lower(), ('true', 'false'))
+
+
+def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
+    """Declare what any run takes; `record` is whether it is usually recorded."""
+    return [
+        argument('scenario', "The paper's scenario.", '1', ('1', '2', '3')),
+        argument('seed', 'Of all randomness, a whole number from 0.', '0'),
+        argument(
+            'simulator_file',
+            "The simulator's parameters; empty: the scenario's of the package.",
+            '',
+        ),
+        argument('bag', 'Folder to record to, must not exist; empty: rosbag2_<date>-<time>.', ''),
+        flag('record', 'Whether to record.', record),
+        flag('viewer', 'Whether to show it all in the browser; Ctrl-C ends then.', False),
+    ]
+
+
+def controller_arguments(
+    controllers: Iterable[str] = CONTROLLERS, default: str = 'braitenberg'
+) -> list[DeclareLaunchArgument]:
+    """Declare which controller takes part, and with which parameters."""
+    return [
+        argument('controller', 'What drives.', default, tuple(controllers)),
+        argument(
+            'controller_file', "The controller's parameters; empty: those of the package.", ''
+        ),
+    ]
+
+
+def simulator(
+    arguments: Arguments, others: Mapping[str, Any], *, listeners: int, namespace: str = ''
+) -> Node:
+    """Return the simulator in the argument's scenario and with its seed.
+
+    Args:
+        arguments: Of the launch.
+        others: More parameters, under dotted names.
+        listeners: Nodes that must hear the first observation.
+        namespace: Of the node.
+    """
+    shipped = _shipped('spikelane_sim', f'scenario_{arguments.text("scenario")}')
+    file = Path(arguments.text('simulator_file') or shipped)
+    both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
+    depth = {'history_depth': _RECORDED_DEPTH} if arguments.is_true('record') else {}
+    return _node('simulator', namespace, [_in_file(file, 'simulator'), both, depth, others])
+
+
+def controller(
+    name: str,
+    arguments: Arguments,
+    others: Mapping[str, Any],
+    *,
+    listeners: int,
+    namespace: str = '',
+) -> Node:
+    """Return a controller, with the weights shipped for the scenario where it has some.
+
+    Args:
+        name: In the registry.
+        arguments: Of the launch.
+        others: More parameters, under dotted names.
+        listeners: Nodes that must hear the first answer.
+        namespace: Of the node.
+    """
+    shipped = _shipped('spikelane_controllers', name)
+    given = arguments.text('controller_file')
+    course = f'scenario_{arguments.text("scenario")}'
+    weights = {'checkpoint': course} if course in shipped_weights(name) and not given else {}
+    both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
+    depth = {'history_depth': _RECORDED_DEPTH} if arguments.is_true('record') else {}
+    file = _in_file(Path(given or shipped), name)
+    return _node(name, namespace, [file, weights, both, depth, others])
+
+
+def recorder(
+    arguments: Arguments, facts: Mapping[str, Any], topics: Sequence[str] = TOPICS
+) -> Node:
+    """Return the recorder of some topics.
+
+    Args:
+        arguments: Of the launch.
+        facts: About the run, kept in the bag's metadata.
+        topics: What to record.
+    """
+    settings = {
+        'output': arguments.text('bag'),
+        'topics': list(topics),
+        'custom_data': [f'{name}={value}' for name, value in facts.items()],
+    }
+    file = _in_file(Path(_shipped('spikelane', 'recorder')), 'recorder')
+    return _node('recorder', '', [file, settings])
+
+
+def viewer(others: Mapping[str, Any], namespace: str = '') -> Node:
+    """Return the viewer, with parameters."""
+    return _node('viewer', namespace, [others])
+
+
+def end_in_order(
+    groups: Sequence[Sequence[Node]], last: Sequence[Node], *, stays: bool
+) -> list[RegisterEventHandler]:
+    """Let nodes end when they have nothing more to do, and those that record after the others.
+
+    Args:
+        groups: When one of a group ends, the others of the group are ended.
+        last: Ended when all groups have.
+        stays: Whether the launch goes on then, until Ctrl-C.
+    """
+    running = [list(group) for group in groups]
+    recording = list(last)
+
+    def on_exit(event: Any, context: LaunchContext) -> list[Any]:
+        for group in [*running, recording]:
+            if event.action in group:
+                group.remove(event.action)
+                if group and group is not recording:
+                    return [_end(node) for node in group]
+        if any(running):
+            return []
+        if recording:
+            return [_end(node) for node in recording]
+        return [] if stays else [Shutdown(reason='all is done')]
+
+    nodes = [node for group in groups for node in group]
+    return [
+        RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit))
+        for node in [*nodes, *last]
+    ]
+
+
+def in_namespace(namespace: str) -> list[str]:
+    """Return the topics to record of the nodes in a namespace."""
+    return [f'/{namespace}{topic}' for topic in TOPICS if topic != '/diagnostics']
+
+
+def _end(node: Node) -> EmitEvent:
+    return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
+
+
+def _node(name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]) -> Node:
+    return Node(
+        package=EXECUTABLES[name],
+        executable=name,
+        name=name,
+        namespace=namespace,
+        parameters=[{key: value for each in parameters for key, value in each.items()}],
+        remappings=[(topic, topic[1:]) for topic in _GLOBAL_TOPICS] if namespace else [],
+        output='screen',
+    )
+
+
+def _shipped(package: str, name: str) -> str:
+    return str(Path(get_package_share_directory(package), 'config', f'{name}.yaml'))
+
+
+def _in_file(file: Path, node: str) -> dict[str, Any]:
+    """Return a node's parameters in a file, under dotted names.
+
+    They are read here, as a name in a file does not stand for a node in a namespace.
+    """
+    content = yaml.safe_load(file.read_text(encoding='utf-8'))
+    found: dict[str, Any] = {}
+    for key in ('/**', node, f'/{node}'):
+        found |= _dotted(content.get(key, {}).get('ros__parameters', {}))
+    return found
+
+
+def _dotted(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    found = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= _dotted(value, f'{prefix}{name}.')
+        else:
+            found[f'{prefix}{name}'] = value
+    return found

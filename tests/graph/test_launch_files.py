@@ -1,0 +1,191 @@
+"""The launch files, run by ROS's `launch`; skipped without it, as it is not on PyPI."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import importlib.util
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+from domain_coordinator import domain_id
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from safetensors.numpy import load_file
+
+from spikelane.lap import drive_lap, make_config
+from spikelane.trajectory_bag import read_trajectory
+
+pytestmark = pytest.mark.ros
+pytest.importorskip('launch_ros', reason='ROS launch is not installed')
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted((ROOT / 'ros2_ws/src/spikelane/launch').glob('*.launch.py'))
+DEADLINE_S = 120.0
+
+
+class Launch(NamedTuple):
+    """A launch that runs, and where its output goes."""
+
+    process: subprocess.Popen
+    log: Path
+
+    def wait(self) -> tuple[int, list[tuple[str, int]]]:
+        """Wait for its end; return its status, and name and status of the nodes as they ended."""
+        status = self.process.wait(DEADLINE_S)
+        said = self.log.read_text()
+        assert 'Traceback' not in said
+        return status, [(n, int(s)) for n, s in re.findall(r'^ENDED (\S+) (-?\d+)$', said, re.M)]
+
+    def until(self, text: str) -> None:
+        """Wait until something is said."""
+        deadline_s = time.monotonic() + DEADLINE_S
+        while text not in self.log.read_text():
+            assert time.monotonic() < deadline_s, self.log.read_text()
+            assert self.process.poll() is None, self.log.read_text()
+            time.sleep(0.1)
+
+
+@contextlib.contextmanager
+def launched(folder: Path, name: str, *arguments: str) -> Iterator[Launch]:
+    """Run a launch file in a ROS domain of its own."""
+    file = ROOT / f'ros2_ws/src/spikelane/launch/{name}.launch.py'
+    runner = Path(__file__).with_name('run_launch.py')
+    log = folder / f'{name}.log'
+    with domain_id() as domain, log.open('wb') as output:
+        process = subprocess.Popen(
+            [sys.executable, str(runner), str(file), *arguments],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=os.environ
+            | {
+                'ROS_DOMAIN_ID': str(domain),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'ROS_LOG_DIR': str(folder / 'log'),
+            },
+            start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+        try:
+            yield Launch(process, log)
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@pytest.mark.parametrize('file', FILES, ids=lambda file: file.name)
+def test_every_argument_is_described(file: Path) -> None:
+    """As `ros2 launch --show-args` shows them: a sentence each."""
+    spec = importlib.util.spec_from_file_location('launch_file', file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    arguments = module.generate_launch_description().get_launch_arguments()
+    assert len(arguments) >= 3
+    for argument in arguments:
+        description, *_ = argument.description.split(' Valid choices are: ')
+        assert re.fullmatch(r'\S.{6,}\.', description), argument.name
+
+
+def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(tmp_path: Path) -> None:
+    """All end with status 0, the recorder last; the recorded path is the same to the last bit."""
+    limits = ('max_steps:=100', 'seed:=3', 'controller:=rstdp', 'scenario:=2', 'lane:=inner')
+    with launched(tmp_path, 'lap', *limits, f'bag:={tmp_path / "bag"}') as launch:
+        status, endings = launch.wait()
+    assert status == 0
+    assert endings == [('/simulator', 0), ('/rstdp', 0), ('/recorder', 0)]
+    parameters = {'simulator.episode.max_steps': 100}
+    config = make_config('2', 'rstdp', 'inner', 3, 'inprocess', parameters)
+    driven = drive_lap(config, lambda step, progress_m: None).trajectory
+    recorded = read_trajectory(tmp_path / 'bag')
+    assert len(recorded) == 101
+    for column in ('x_m', 'y_m', 'distance_m', 'left_rad_s', 'right_rad_s'):
+        np.testing.assert_array_equal(getattr(recorded, column), getattr(driven, column))
+
+
+def test_controllers_are_compared_side_by_side(tmp_path: Path) -> None:
+    """Each in its namespace and to its end; one bag has all of their steps."""
+    given = ('max_steps:=60', 'controllers:=braitenberg,rstdp', f'bag:={tmp_path / "bag"}')
+    with launched(tmp_path, 'compare', *given) as launch:
+        status, endings = launch.wait()
+    assert status == 0
+    assert sorted(endings[:-1]) == [
+        ('/braitenberg/braitenberg', 0),
+        ('/braitenberg/simulator', 0),
+        ('/rstdp/rstdp', 0),
+        ('/rstdp/simulator', 0),
+    ]
+    assert endings[-1] == ('/recorder', 0)
+    with AnyReader([tmp_path / 'bag']) as reader:
+        topics = {connection.topic for connection in reader.connections}
+        # An answer is sent again to whoever joins: steps are told by their stamps.
+        stamps: dict[str, set[int]] = {}
+        for connection, _, raw in reader.messages():
+            if connection.topic.endswith(('/lane/state', '/wheel_velocities')):
+                stamp = reader.deserialize(raw, connection.msgtype).header.stamp
+                stamps.setdefault(connection.topic, set()).add(stamp.sec * 10**9 + stamp.nanosec)
+    expected = {50_000_000 * n for n in range(1, 62)}
+    for name in ('braitenberg', 'rstdp'):
+        for topic in ('lane/state', 'wheel_velocities'):
+            assert stamps[f'/{name}/{topic}'] == expected
+        assert {f'/{name}/clock', f'/{name}/tf', f'/{name}/tf_static'} <= topics
+    assert not topics & {'/clock', '/tf', '/tf_static'}
+
+
+def test_training_ends_by_itself_with_what_it_has_learnt(tmp_path: Path) -> None:
+    """The weights are those that `spikelane train` in one process learns."""
+    learning = ('steps:=300', 'seed:=5', f'output:={tmp_path / "over_launch"}')
+    with launched(tmp_path, 'train', *learning) as launch:
+        status, endings = launch.wait()
+    assert status == 0
+    assert sorted(endings) == [('/rstdp', 0), ('/simulator', 0)]
+    command = [sys.executable, '-m', 'spikelane.main', 'train', 'rstdp', '--steps', '300']
+    command += ['--seed', '5', '--out', str(tmp_path / 'in_process')]
+    subprocess.run(command, check=True, capture_output=True)
+    learnt, expected = (
+        load_file(tmp_path / folder / 'checkpoint.safetensors')
+        for folder in ('over_launch', 'in_process')
+    )
+    assert learnt.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(learnt[name], values)
+
+
+def test_ctrl_c_ends_all_with_status_0(tmp_path: Path) -> None:
+    """Amid a lap, as a terminal sends it: to all processes at once; the bag is closed."""
+    with launched(tmp_path, 'lap', f'bag:={tmp_path / "bag"}') as launch:
+        launch.until('recording 11 topics')
+        time.sleep(1.0)
+        os.killpg(launch.process.pid, signal.SIGINT)
+        status, endings = launch.wait()
+    assert sorted(endings) == [('/braitenberg', 0), ('/recorder', 0), ('/simulator', 0)]
+    assert status == 0
+    with AnyReader([tmp_path / 'bag']) as reader:
+        assert reader.message_count > 0
+
+
+def test_the_viewer_says_where_to_look_and_ends_on_ctrl_c(tmp_path: Path) -> None:
+    """On this machine alone, on a port that may be chosen."""
+    with launched(tmp_path, 'view', 'port:=39393') as launch:
+        launch.until('open http://127.0.0.1:39393?url=')
+        os.killpg(launch.process.pid, signal.SIGINT)
+        status, endings = launch.wait()
+    assert (status, endings) == (0, [('/viewer', 0)])
+
+
+def test_a_wrong_argument_is_told(tmp_path: Path) -> None:
+    """By name, with what is allowed; nothing is started."""
+    with launched(tmp_path, 'lap', 'seed:=many') as launch:
+        assert launch.process.wait(DEADLINE_S) == 1
+        assert "seed: expected a whole number, got 'many'" in launch.log.read_text()

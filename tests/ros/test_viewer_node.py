@@ -1,0 +1,53 @@
+"""Node `viewer`: shows a graph that runs, and keeps out of its way."""
+
+import re
+from typing import Any
+
+import pytest
+
+from spikelane.nodes.viewer import ViewerParameters
+
+pytestmark = pytest.mark.ros
+
+PORTS = {'web_port': 0, 'grpc_port': 0}
+
+
+def test_it_shows_a_graph_that_runs_and_ends_quietly(graph: Any) -> None:
+    """It asks the simulator for the course; all that it takes are the latest messages."""
+    graph.start('simulator', {'robot.model': 'kinematic', 'course': 'scenario_2'})
+    graph.start('braitenberg')
+    viewer = graph.start('viewer', PORTS)
+    graph.until(lambda: 'open http://127.0.0.1:' in viewer.log, 'the address')
+    node = graph.node
+    topics = ('/lane/state', '/event_camera/events', '/controller/state')
+
+    def subscriptions(topic: str) -> list[Any]:
+        infos = node.get_subscriptions_info_by_topic(topic)
+        return [info.qos_profile for info in infos if info.node_name == 'viewer']
+
+    graph.until(lambda: all(map(subscriptions, topics)), 'its subscriptions')
+    for topic in topics:
+        [profile] = subscriptions(topic)
+        assert profile.reliability.name == 'BEST_EFFORT'
+    assert viewer.stop() == 0
+    assert 'Traceback' not in viewer.log
+    assert 'not shown' not in viewer.log
+
+
+def test_two_do_not_share_a_port(graph: Any) -> None:
+    """The second says which is in use, with exit status 2."""
+    first = graph.start('viewer', PORTS)
+    graph.until(lambda: 'open http' in first.log, 'the address')
+    port = re.findall(r'127\.0\.0\.1:(\d+)', first.log)[0]
+    second = graph.start('viewer', {'web_port': port, 'grpc_port': 0})
+    assert second.wait() == 2
+    assert f'web_port: expected a free port, got {port}' in second.log
+    assert first.stop() == 0
+
+
+def test_parameters_are_checked(graph: Any) -> None:
+    """One line names the parameter and what is allowed."""
+    viewer = graph.start('viewer', {'rate_hz': 0.0})
+    assert viewer.wait() == 2
+    assert 'rate_hz' in viewer.log
+    assert ViewerParameters().rate_hz == 20.0
