@@ -21,10 +21,11 @@ from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, share_statistics
 from spikelane.trajectory import write_csv
 from spikelane_sim.contract import STEP_S
-from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.random_course import expand_courses
 
 #: Shows how an evaluation goes on: steps driven, share of it that is done.
 ShowShare = Callable[[int, float], None]
@@ -49,7 +50,11 @@ class EvaluationParameters(Parameters):
 
     seeds: int = parameter(1, 'Seeds, counted on from the first.', low=1, high=1_000_000)
     lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of a course.')
-    courses: tuple[str, ...] = parameter((), "Courses driven; none: the scenario's.")
+    courses: tuple[str, ...] = parameter(
+        (),
+        "Courses driven; none: the scenario's. random:N: N random ones, of seeds 0 to N - 1; "
+        'random:FIRST-LAST: those of these seeds.',
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,10 +73,11 @@ class EvaluateConfig(Configuration):
         Raises:
             SpikelaneError: There is no such course, or no such lane on it.
         """
-        courses = self.evaluation.courses or (self.scenario,)
+        given = [each for name in self.evaluation.courses for each in expand_courses(name)]
+        courses = given or [self.scenario]
         for number, scenario in enumerate(courses, 1):
             course = load_course(scenario_course(scenario))
-            prefix = f'{number:03}-{Path(scenario).stem}-' if len(courses) > 1 else ''
+            prefix = f'{number:03}-{course_label(scenario)}-' if len(courses) > 1 else ''
             simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
             for lane in self.evaluation.lanes or course.lanes:
                 for seed in range(self.seed, self.seed + self.evaluation.seeds):
@@ -172,8 +178,8 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
 
     Returns:
         Facts of the configuration; `confidence`: how intervals are found; `summary`: of `all`
-        laps, `by_lane` and, where there are several, `by_course`, as `summarise` has it; `laps`:
-        the rows.
+        laps, `by_lane` and, where there are several, `by_course`, as `summarise` has it; then
+        also `courses_completed`: on how many all laps were; `laps`: the rows.
     """
     courses = list(dict.fromkeys(row['course'] for row in rows))
     lanes = list(dict.fromkeys(row['lane'] for row in rows))
@@ -188,6 +194,10 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
             course: summarise([row for row in rows if row['course'] == course])
             for course in courses
         }
+        completed = [group['completed'] for group in summary['by_course'].values()]
+        summary['courses_completed'] = share_statistics(
+            sum(each['successes'] == each['n'] for each in completed), len(completed)
+        )
     simulator = config.simulator
     return {
         'scenario': config.scenario,

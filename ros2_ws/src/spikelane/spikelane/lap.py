@@ -17,7 +17,7 @@ from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.simulator import Simulator
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
@@ -115,7 +115,7 @@ def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
         SpikelaneError: The folder is in use or cannot be made.
     """
     usual = Path('runs') / lap_name(
-        Path(config.scenario).stem, config.controller, config.lane, config.seed
+        course_label(config.scenario), config.controller, config.lane, config.seed
     )
     folder = RunFolder.create(out or usual, numbered=out is None)
     folder.write_config(config.to_dict())

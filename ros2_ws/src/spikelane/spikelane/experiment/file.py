@@ -212,7 +212,7 @@ def _read_seeds(value: YamlValue) -> tuple[int, ...]:
 
 def _course(value: YamlValue) -> str:
     known = ', '.join(each.removeprefix('scenario_') for each in available_courses())
-    text = value.scalar(f'{known} or the path of a course file')
+    text = value.scalar(f'{known}, random:SEED or the path of a course file')
     try:
         load_course(scenario_course(text))
     except SpikelaneError as error:
