@@ -20,6 +20,7 @@ from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, share_statistics
 from spikelane.trajectory import write_csv
+from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
@@ -174,12 +175,15 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
 
     Args:
         config: What was driven.
-        rows: Of each lap its course, lane and seed, what `lap_metrics` says, and progress_m.
+        rows: Of each lap its course, lane and seed, what `lap_metrics` says, progress_m, and
+            operations, the fields of `Operations` or None.
 
     Returns:
-        Facts of the configuration; `confidence`: how intervals are found; `summary`: of `all`
-        laps, `by_lane` and, where there are several, `by_course`, as `summarise` has it; then
-        also `courses_completed`: on how many all laps were; `laps`: the rows.
+        Facts of the configuration; `operations`: what the network had to compute, as
+        `operations_metrics` has it, None where it was not counted; `confidence`: how intervals
+        are found; `summary`: of `all` laps, `by_lane` and, where there are several, `by_course`,
+        as `summarise` has it; then also `courses_completed`: on how many all laps were; `laps`:
+        the rows.
     """
     courses = list(dict.fromkeys(row['course'] for row in rows))
     lanes = list(dict.fromkeys(row['lane'] for row in rows))
@@ -211,6 +215,7 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         'latency_ms': simulator.link.latency_ms,
         'event_loss': simulator.link.event_loss,
         'confidence': METHOD,
+        'operations': _operations(rows),
         'summary': summary,
         'laps': list(rows),
     }
@@ -232,6 +237,16 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
+def _operations(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Describe what the network had to compute in all laps, None where one's is not known."""
+    counted = [Operations(**row['operations']) for row in rows if row.get('operations')]
+    if len(counted) < len(rows):
+        return None
+    # Of each observation, the one at the reset included.
+    observations = sum(row['steps'] + 1 for row in rows)
+    return operations_metrics(sum_operations(counted), observations * STEP_S)
+
+
 def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
@@ -240,7 +255,8 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     # What was being driven when somebody stopped it begins anew.
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
-    trajectory = _drive(each.config, folder, show).trajectory
+    driven = _drive(each.config, folder, show)
+    trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     row = {
         'course': each.config.scenario,
@@ -248,6 +264,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
         'seed': each.config.seed,
         **lap_metrics(trajectory, STEP_S),
         'progress_m': float(trajectory.progress_m[-1] - trajectory.progress_m[0]),
+        'operations': None if driven.operations is None else driven.operations._asdict(),
     }
     write_json(folder.metrics, row)
     return row
