@@ -19,7 +19,7 @@ from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, share_statistics
-from spikelane.trajectory import write_csv
+from spikelane.trajectory import read_csv, Trajectory, write_csv
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -168,6 +168,41 @@ def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict
     metrics = evaluation_metrics(config, rows)
     folder.write_metrics(metrics)
     return metrics
+
+
+def draw_some_courses(
+    config: EvaluateConfig, folder: RunFolder, metrics: Mapping[str, Any]
+) -> Path:
+    """Draw the first courses of an evaluation, on each the laps of the first seed.
+
+    Args:
+        config: What was driven.
+        folder: Where its laps are, and the figure goes.
+        metrics: What `evaluate` returned.
+
+    Returns:
+        The figure.
+
+    Raises:
+        SpikelaneError: A lap cannot be read, or the figure not be written.
+    """
+    from spikelane.figures.courses import draw_courses, DrivenCourse, MOST
+
+    drives: dict[str, list[tuple[Trajectory, Mapping[str, Any]]]] = {}
+    for each, row in zip(config.laps(), metrics['laps'], strict=True):
+        course = each.config.scenario
+        if each.config.seed == config.seed and (course in drives or len(drives) < MOST):
+            trajectory = read_csv(RunFolder(folder.laps / each.name).trajectory)
+            drives.setdefault(course, []).append((trajectory, row))
+    driven = [
+        DrivenCourse(course_label(name), load_course(scenario_course(name)), found)
+        for name, found in drives.items()
+    ]
+    completed = metrics['summary']['courses_completed']
+    title = f'{config.controller}, {len(driven)} of {completed["n"]} courses'
+    result = f'all laps completed on {completed["successes"]} of {completed["n"]}'
+    figure, *_ = draw_courses(driven, folder.figures / 'courses', title, result)
+    return figure
 
 
 def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
-from spikelane.evaluation import evaluate, EvaluateConfig, make_config
+from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.run_folder import RunFolder
 from spikelane_sim.course import course_label
 
@@ -84,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
     with progress(options.json, '%') as show:
         metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
     result = {**metrics, 'folder': str(folder.path)}
+    if 'by_course' in metrics['summary']:
+        result['figure'] = str(draw_some_courses(config, folder, metrics))
     print(json.dumps(result) if options.json else _summary(result))
     return 0
 

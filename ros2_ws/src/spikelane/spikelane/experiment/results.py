@@ -72,12 +72,12 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
             if all(_is_measured(name, metrics.get(name)) for metrics in found)
         },
     }
-    counted = [metrics.get('operations') for metrics in found]
-    if all(counted):
+    counted = [metrics['operations'] for metrics in found if metrics.get('operations')]
+    if len(counted) == len(found):
         group['operations'] = {
-            name: mean_statistics([each[name] for each in counted])
+            name: mean_statistics([operations[name] for operations in counted])
             for name in counted[0]
-            if all(name in each for each in counted)
+            if all(name in operations for operations in counted)
         }
     laps = [lap for metrics in found for lap in metrics.get('laps', ())]
     if laps:
