@@ -116,7 +116,7 @@ matrix:
         (
             '[rstdp]',
             '[rstdp, dqm]',
-            r":3: matrix\[0\]\.controllers\[1\]: expected braitenberg or rstdp, got 'dqm'",
+            r":3: matrix\[0\]\.controllers\[1\]: expected braitenberg or rstdp or .*, got 'dqm'",
         ),
         ('[rstdp]', 'rstdp', r":3: matrix\[0\]\.controllers: expected a list, got 'rstdp'"),
         ('[rstdp]', '[]', r':3: matrix\[0\]\.controllers: expected a list of at least one'),
@@ -153,6 +153,11 @@ matrix:
         ),
         ('train:', 'drain:', ":7: unknown task 'drain', expected train, evaluate"),
         ('steps: 200', 'steps: -2', ':7: steps: expected a whole number of at least 0, got -2'),
+        (
+            '    cameras',
+            '    courses: [random:9-2]\n    cameras',
+            r':5: matrix\[0\]\.courses\[0\]: course: expected at least one random',
+        ),
         (
             'steps: 200',
             'step: 200',
