@@ -47,5 +47,9 @@ def operations_metrics(total: Operations, time_s: float) -> dict[str, Any]:
     return {
         'decisions_per_s': total.decisions / time_s,
         **{f'{name}_per_decision': count / total.decisions for name, count in found.items()},
-        **{f'{name}_per_s': count / time_s for name, count in found.items()},
+        **{
+            f'{name}_per_s': count / time_s
+            for name, count in found.items()
+            if name != 'active_inputs'  # these are no operations
+        },
     }
