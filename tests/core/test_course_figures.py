@@ -84,7 +84,7 @@ def test_the_experiment_on_robustness_has_what_the_figure_wants() -> None:
     curves = robustness_curves({'groups': [group(name, [0.1]) for name in names]})
     values = {name: [each.value for each in curve['rstdp']] for name, curve in curves.items()}
     assert values == {
-        'noise': [0, 0.1, 0.3, 1, 3],
+        'noise': [0, 0.01, 0.03, 0.1, 0.3],
         'threshold': [0.1, 0.2, 0.4, 0.8],
         'latency': [0, 50, 100, 150, 200],
         'loss': [0, 0.1, 0.2, 0.3, 0.5],

@@ -135,6 +135,8 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
             panels[0].tick_params(labelbottom=False, labelleft=not index)
             panels[1].tick_params(labelleft=not index)
             panels[1].set_xlabel(DIFFICULTIES[difficulty])
+            # Where no lap was completed there is no error, and yet a place for it.
+            panels[0].set_xlim(panels[1].get_xlim())
         errors, completed = figure.axes[:2]
         errors.set_ylim(bottom=0)
         errors.set_ylabel('mean error of laps [m]')
