@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.decoding import initial_steering, steer, SteeringParameters
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.poisson import firing_rates, poisson_spikes, PoissonParameters
 from spikelane_controllers.spiking import (
     DelayParameters,
@@ -99,6 +100,7 @@ class Braitenberg:
     Attributes:
         neurons: Names of the neurons.
         spikes: How often each of them fired in the last step.
+        operations: Of the last step.
         weights_pa: Weights [pA], (2, n_inputs).
     """
 
@@ -118,6 +120,7 @@ class Braitenberg:
         self._network = resting_state(len(self.neurons))
         self._steering = initial_steering(self.parameters.steering)
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
 
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation: its events drive the network for one step."""
@@ -127,6 +130,7 @@ class Braitenberg:
             self._network, inputs, self.weights_pa, self._constants, self._delay
         )
         self.spikes = spike_counts(fired, len(self.neurons))
+        self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels

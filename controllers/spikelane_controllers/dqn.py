@@ -15,8 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_parameters import DqnParameters
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.pytorch import require_pytorch
-from spikelane_controllers.q_network import greedy_action, initial_network, QNetwork
+from spikelane_controllers.q_network import (
+    decision_operations,
+    greedy_action,
+    initial_network,
+    QNetwork,
+)
 from spikelane_controllers.state import (
     array,
     check_names,
@@ -48,6 +54,7 @@ class Dqn:
         action: Held at present, an index of `task.ACTIONS`.
         reward: Of the last action that ended, NaN where none has or the distance is not known.
         actions: Actions that have ended since the weights were initialised.
+        operations: Of the last step: none while an action is held.
         counts: Events that the last state was made of, (rows, columns).
     """
 
@@ -93,6 +100,7 @@ class Dqn:
         self._image.clear()
         self.counts: Counts = self._image.counts
         self._state: NDArray[np.uint8] = self._image.binary.ravel()
+        self.operations = Operations()
         self._held = -1  # steps since the action was chosen, -1 before the first
         self.action = ACTIONS.index('straight')
         self.reward = math.nan
@@ -102,12 +110,14 @@ class Dqn:
         lane = observation.lane
         is_over = lane is not None and lane.terminated
         self._held += 1
+        self.operations = Operations()
         if self._held:  # an episode's first observation is before anything was done
             self._image.add(observation.events)
             if self._held == self.parameters.task.steps_per_action or is_over:
                 self._end_action(lane)
         if not self._held and not is_over:
             self.action = self._choose()
+            self.operations = decision_operations(self.network, self._state)
         return action_wheels(self.action, self.parameters.task)
 
     def state(self) -> State:

@@ -19,6 +19,7 @@ from spikelane_controllers.integrate_and_fire import (
     IntegrateAndFireParameters,
     resting_potentials,
 )
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.transferred import InputScale, read_transferred
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
@@ -78,6 +79,7 @@ class DqnSnn:
     Attributes:
         neurons: Names of the output neurons, one for each action.
         spikes: How often each of them fired in the last step.
+        operations: Of the last step.
         action: The last action, an index of `neurons`; -1 before the first step.
         traces: Of the actions, (n_actions,).
     """
@@ -111,6 +113,7 @@ class DqnSnn:
         self._image.clear()
         self.traces = np.zeros(len(self.neurons))
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
         self.action = -1
 
     def step(self, observation: Observation) -> WheelVelocities:
@@ -119,6 +122,9 @@ class DqnSnn:
         values = input_values(self._image.counts, self._image.parameters.frames, self._scale)
         inputs = input_spikes(values, self.parameters.neurons, self._rng)
         self._potentials, fired = self._network.run(self._potentials, inputs)
+        hidden = len(fired.hidden)
+        synaptic = len(inputs) * hidden + int(fired.hidden.sum()) * len(self.neurons)
+        self.operations = Operations(decisions=1, synaptic=synaptic)
         counts = fired.output.sum(axis=0, dtype=np.int64)
         self.spikes = tuple(counts.tolist())
         self.traces = self.parameters.trace_decay * self.traces + counts

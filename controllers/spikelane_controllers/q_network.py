@@ -18,6 +18,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_controllers.operations import Operations
 from spikelane_sim.parameters import parameter, Parameters
 
 Array = NDArray[np.float32]
@@ -89,6 +90,18 @@ def action_values(network: QNetwork, states: NDArray[np.uint8]) -> Array:
 def greedy_action(network: QNetwork, state: NDArray[np.uint8]) -> int:
     """Return the action of the largest value, the first of equals, in a state (n_inputs,)."""
     return int(action_values(network, state[None])[0].argmax())
+
+
+def decision_operations(network: QNetwork, state: NDArray[np.uint8]) -> Operations:
+    """Count what a decision in a state (n_inputs,) takes: every weight once, biases left out."""
+    first, *others = (weights.size for weights in network[::2])
+    active = int(np.count_nonzero(state))
+    return Operations(
+        decisions=1,
+        multiply_accumulates=first + sum(others),
+        active_inputs=active,
+        active_multiply_accumulates=active * network.weights_1.shape[1] + sum(others),
+    )
 
 
 @numba.njit(cache=True)

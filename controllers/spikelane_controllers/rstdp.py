@@ -24,6 +24,7 @@ from spikelane_controllers.decoding import (
     steer,
     SteeringParameters,
 )
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.plasticity import (
     check_plastic_state,
     PlasticNetwork,
@@ -119,6 +120,7 @@ class RStdp:
         spikes: How often each of them fired in the last step.
         reward: Reward of the last step, that of the right neuron's synapses; the left one's is its
             negative. NaN where the observation had no lane distance.
+        operations: Of the last step, learning not counted.
         learning: Whether the weights change.
     """
 
@@ -159,6 +161,7 @@ class RStdp:
         self._rng = rng
         self._steering = initial_steering(self.parameters.steering)
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
         self.reward = math.nan
 
     def step(self, observation: Observation) -> WheelVelocities:
@@ -170,6 +173,7 @@ class RStdp:
         dopamine = self.reward if self.learning and lane is not None else 0.0
         self._network.dopamine[:] = -dopamine, dopamine
         self.spikes = spike_counts(self._network.run(inputs), len(self.neurons))
+        self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels

@@ -8,6 +8,7 @@ or the road are positive to the right (`contract.py`).
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
 import dataclasses
 import math
 from pathlib import Path
@@ -23,6 +24,7 @@ from spikelane_sim.course_file import CourseRecord, LaneRecord, Marking, read_co
 from spikelane_sim.curve import Curve
 from spikelane_sim.errors import CourseError
 from spikelane_sim.ground import Ground, make_ground
+from spikelane_sim.random_course import draw_records, is_random, PREFIX
 from spikelane_sim.raster import are_painted
 
 _COURSES = Path(__file__).parent / 'courses'
@@ -230,21 +232,39 @@ def scenario_course(scenario: str | int) -> str:
     return f'scenario_{scenario}' if str(scenario).isdigit() else str(scenario)
 
 
+def course_label(scenario: str) -> str:
+    """Return what a course is called in names of folders and files."""
+    return scenario.replace(':', '-') if is_random(scenario) else Path(scenario).stem
+
+
 def load_course(name_or_path: str) -> Course:
-    """Load a shipped course by name, or a course file by path.
+    """Load a shipped course by name, a course file by path, or a random course by its seed.
+
+    Args:
+        name_or_path: Of `available_courses`, a path, or 'random:SEED' (`random_course.py`).
 
     Raises:
         CourseError: There is no such course, the file cannot be read, or what it describes
             cannot be driven; the message says why.
     """
+    if is_random(name_or_path):
+        return _random_course(name_or_path)
     if name_or_path in available_courses():
         return make_course(read_course_file(_COURSES / f'{name_or_path}.yaml'))
     if not Path(name_or_path).is_file():
         known = ', '.join(available_courses())
         raise CourseError(
-            f'course: expected {known} or the path of a course file, got {name_or_path!r}'
+            f'course: expected {known}, {PREFIX}SEED or the path of a course file, '
+            f'got {name_or_path!r}'
         )
     return make_course(read_course_file(Path(name_or_path)))
+
+
+def _random_course(name: str) -> Course:
+    for record in draw_records(name):
+        with contextlib.suppress(CourseError):
+            return make_course(record)
+    raise AssertionError('drawing never ends')
 
 
 def make_course(record: CourseRecord) -> Course:

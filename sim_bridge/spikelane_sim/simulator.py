@@ -52,7 +52,9 @@ class EpisodeParameters(Parameters):
 class SimulatorParameters(Parameters):
     """Everything that determines a simulation but its seed."""
 
-    course: str = parameter('scenario_1', 'Name of a shipped course, or path of a course file.')
+    course: str = parameter(
+        'scenario_1', 'Name of a shipped course, path of a course file, or random:SEED.'
+    )
     episode: EpisodeParameters = nested(EpisodeParameters)
     robot: RobotParameters = nested(RobotParameters)
     camera: CameraParameters = nested(CameraParameters)

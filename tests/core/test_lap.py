@@ -177,7 +177,10 @@ def test_the_usual_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ('arguments', 'error'),
     [
-        (('--scenario', '4'), 'course: expected scenario_1, scenario_2, scenario_3 or the path'),
+        (
+            ('--scenario', '4'),
+            'course: expected scenario_1, scenario_2, scenario_3, random:',
+        ),
         (('--scenario', 'nowhere.yaml'), "course: expected scenario_1, .* got 'nowhere.yaml'"),
         (('--lane', 'middle'), "lane: expected outer or inner, got 'middle'"),
         (('--seed', '-1'), r'seed: expected a whole number from 0 to 2\^63 - 1, got -1'),

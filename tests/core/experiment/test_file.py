@@ -155,6 +155,11 @@ matrix:
         ('train:', 'drain:', ":7: unknown task 'drain', expected train, evaluate"),
         ('steps: 200', 'steps: -2', ':7: steps: expected a whole number of at least 0, got -2'),
         (
+            '    cameras',
+            '    courses: [random:9-2]\n    cameras',
+            r':5: matrix\[0\]\.courses\[0\]: course: expected at least one random',
+        ),
+        (
             'steps: 200',
             'step: 200',
             ":7: unknown parameter 'step', expected steps",

@@ -19,12 +19,14 @@ from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, share_statistics
-from spikelane.trajectory import write_csv
+from spikelane.trajectory import read_csv, Trajectory, write_csv
 from spikelane.transport import over_ros
+from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
-from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.files import write_json
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.random_course import expand_courses
 
 #: Shows how an evaluation goes on: steps driven, share of it that is done.
 ShowShare = Callable[[int, float], None]
@@ -49,7 +51,11 @@ class EvaluationParameters(Parameters):
 
     seeds: int = parameter(1, 'Seeds, counted on from the first.', low=1, high=1_000_000)
     lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of a course.')
-    courses: tuple[str, ...] = parameter((), "Courses driven; none: the scenario's.")
+    courses: tuple[str, ...] = parameter(
+        (),
+        "Courses driven; none: the scenario's. random:N: N random ones, of seeds 0 to N - 1; "
+        'random:FIRST-LAST: those of these seeds.',
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,10 +74,11 @@ class EvaluateConfig(Configuration):
         Raises:
             SpikelaneError: There is no such course, or no such lane on it.
         """
-        courses = self.evaluation.courses or (self.scenario,)
+        given = [each for name in self.evaluation.courses for each in expand_courses(name)]
+        courses = given or [self.scenario]
         for number, scenario in enumerate(courses, 1):
             course = load_course(scenario_course(scenario))
-            prefix = f'{number:03}-{Path(scenario).stem}-' if len(courses) > 1 else ''
+            prefix = f'{number:03}-{course_label(scenario)}-' if len(courses) > 1 else ''
             simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
             for lane in self.evaluation.lanes or course.lanes:
                 for seed in range(self.seed, self.seed + self.evaluation.seeds):
@@ -163,16 +170,54 @@ def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict
     return metrics
 
 
+def draw_some_courses(
+    config: EvaluateConfig, folder: RunFolder, metrics: Mapping[str, Any]
+) -> Path:
+    """Draw the first courses of an evaluation, on each the laps of the first seed.
+
+    Args:
+        config: What was driven.
+        folder: Where its laps are, and the figure goes.
+        metrics: What `evaluate` returned.
+
+    Returns:
+        The figure.
+
+    Raises:
+        SpikelaneError: A lap cannot be read, or the figure not be written.
+    """
+    from spikelane.figures.courses import draw_courses, DrivenCourse, MOST
+
+    drives: dict[str, list[tuple[Trajectory, Mapping[str, Any]]]] = {}
+    for each, row in zip(config.laps(), metrics['laps'], strict=True):
+        course = each.config.scenario
+        if each.config.seed == config.seed and (course in drives or len(drives) < MOST):
+            trajectory = read_csv(RunFolder(folder.laps / each.name).trajectory)
+            drives.setdefault(course, []).append((trajectory, row))
+    driven = [
+        DrivenCourse(course_label(name), load_course(scenario_course(name)), found)
+        for name, found in drives.items()
+    ]
+    completed = metrics['summary']['courses_completed']
+    title = f'{config.controller}, {len(driven)} of {completed["n"]} courses'
+    result = f'all laps completed on {completed["successes"]} of {completed["n"]}'
+    figure, *_ = draw_courses(driven, folder.figures / 'courses', title, result)
+    return figure
+
+
 def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Measure an evaluation.
 
     Args:
         config: What was driven.
-        rows: Of each lap its course, lane and seed, what `lap_metrics` says, and progress_m.
+        rows: Of each lap its course, lane and seed, what `lap_metrics` says, progress_m, and
+            operations, the fields of `Operations` or None.
 
     Returns:
-        Facts of the configuration; `confidence`: how intervals are found; `summary`: of `all`
-        laps, `by_lane` and, where there are several, `by_course`, as `summarise` has it; `laps`:
+        Facts of the configuration; `operations`: what the network had to compute, as
+        `operations_metrics` has it, None where it was not counted; `confidence`: how intervals
+        are found; `summary`: of `all` laps, `by_lane` and, where there are several, `by_course`,
+        as `summarise` has it; then also `courses_completed`: on how many all laps were; `laps`:
         the rows.
     """
     courses = list(dict.fromkeys(row['course'] for row in rows))
@@ -188,6 +233,10 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
             course: summarise([row for row in rows if row['course'] == course])
             for course in courses
         }
+        completed = [group['completed'] for group in summary['by_course'].values()]
+        summary['courses_completed'] = share_statistics(
+            sum(each['successes'] == each['n'] for each in completed), len(completed)
+        )
     simulator = config.simulator
     return {
         'scenario': config.scenario,
@@ -201,6 +250,7 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         'latency_ms': simulator.link.latency_ms,
         'event_loss': simulator.link.event_loss,
         'confidence': METHOD,
+        'operations': _operations(rows),
         'summary': summary,
         'laps': list(rows),
     }
@@ -222,6 +272,16 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
+def _operations(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Describe what the network had to compute in all laps, None where one's is not known."""
+    counted = [Operations(**row['operations']) for row in rows if row.get('operations')]
+    if len(counted) < len(rows):
+        return None
+    # Of each observation, the one at the reset included.
+    observations = sum(row['steps'] + 1 for row in rows)
+    return operations_metrics(sum_operations(counted), observations * STEP_S)
+
+
 def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
@@ -230,7 +290,8 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     # What was being driven when somebody stopped it begins anew.
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
-    trajectory = _drive(each.config, folder, show).trajectory
+    driven = _drive(each.config, folder, show)
+    trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     row = {
         'course': each.config.scenario,
@@ -238,6 +299,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
         'seed': each.config.seed,
         **lap_metrics(trajectory, STEP_S),
         'progress_m': float(trajectory.progress_m[-1] - trajectory.progress_m[0]),
+        'operations': None if driven.operations is None else driven.operations._asdict(),
     }
     write_json(folder.metrics, row)
     return row

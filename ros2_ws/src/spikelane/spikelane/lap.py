@@ -14,10 +14,11 @@ from spikelane.loop import drive_episode
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import lap_name, RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
+from spikelane_controllers.operations import Operations, sum_operations
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.simulator import Simulator
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
@@ -41,6 +42,7 @@ class DrivenLap(NamedTuple):
     trajectory: Trajectory
     wall_time_s: float  # from the first observation to the last
     bag: Path | None
+    operations: Operations | None = None  # where they could be counted: in this process
 
 
 def make_config(
@@ -83,11 +85,14 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
         show: Called after every step.
     """
     recorder = TrajectoryRecorder()
+    operations: list[Operations] = []
     controller = make_controller(config.controller, config.controller_parameters.to_dict())
     with Simulator(config.simulator) as simulator:
 
         def on_step(observation: Observation, wheels: WheelVelocities) -> None:
             recorder.append(observation, simulator.robot_state, wheels)
+            if (done := getattr(controller, 'operations', None)) is not None:
+                operations.append(done)
             if observation.lane is not None:
                 show(observation.lane.step, observation.lane.progress_m)
 
@@ -101,7 +106,8 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
             controller_seed=config.seed,
         )
         wall_time_s = time.perf_counter() - start_s
-    return DrivenLap(recorder.trajectory(), wall_time_s, None)
+    total = sum_operations(operations) if operations else None
+    return DrivenLap(recorder.trajectory(), wall_time_s, None, total)
 
 
 def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
@@ -115,7 +121,7 @@ def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
         SpikelaneError: The folder is in use or cannot be made.
     """
     usual = Path('runs') / lap_name(
-        Path(config.scenario).stem, config.controller, config.lane, config.seed
+        course_label(config.scenario), config.controller, config.lane, config.seed
     )
     folder = RunFolder.create(out or usual, numbered=out is None)
     folder.write_config(config.to_dict())

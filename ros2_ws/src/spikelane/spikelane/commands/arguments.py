@@ -35,7 +35,7 @@ def add_configuration_arguments(
     parser.add_argument(
         '--scenario',
         default='1',
-        help="the paper's 1, 2 or 3, or the path of a course file (default: 1)",
+        help="the paper's 1, 2 or 3, the path of a course file, or random:SEED (default: 1)",
     )
     parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
     if transport is not None:

@@ -14,8 +14,9 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
-from spikelane.evaluation import evaluate, EvaluateConfig, make_config
+from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.run_folder import RunFolder
+from spikelane_sim.course import course_label
 
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
@@ -38,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         default=(),
         metavar='COURSE',
-        help="scenarios or course files driven, where not the scenario's own",
+        help="scenarios or course files driven, where not the scenario's own; random:N for N "
+        'random courses, those of seeds 0 to N - 1; random:FIRST-LAST for those of these seeds',
     )
     parser.add_argument(
         '--latency-ms',
@@ -82,6 +84,8 @@ def run(options: argparse.Namespace) -> int:
     with progress(options.json, '%') as show:
         metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
     result = {**metrics, 'folder': str(folder.path)}
+    if 'by_course' in metrics['summary']:
+        result['figure'] = str(draw_some_courses(config, folder, metrics))
     print(json.dumps(result) if options.json else _summary(result))
     return 0
 
@@ -100,7 +104,7 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
     path = out or Path('runs') / (
-        f'evaluate-{Path(config.scenario).stem}-{config.controller}-seed{config.seed}'
+        f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
     )
     if resume:
         folder = RunFolder(path)
@@ -117,6 +121,11 @@ def _summary(result: dict[str, Any]) -> str:
     if len(groups) > 1:
         groups['all'] = result['summary']['all']
     lines = [_line(name, group) for name, group in groups.items()]
+    if courses := result['summary'].get('courses_completed'):
+        lines.append(
+            f'{"courses":10} all laps completed on {courses["successes"]} of {courses["n"]} '
+            f'(95 %: {courses["ci_low"]:.3f} to {courses["ci_high"]:.3f})'
+        )
     return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
 
 

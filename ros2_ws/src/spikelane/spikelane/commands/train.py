@@ -15,6 +15,7 @@ from spikelane.training import make_config, report_training, train, TrainConfig
 from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, TRAININGS
 from spikelane_controllers.training import Training
+from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
 
 
@@ -83,7 +84,7 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
 
 
 def _folder(config: TrainConfig, out: Path | None, resume: bool) -> RunFolder:
-    name = f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}'
+    name = f'train-{config.controller}-{course_label(config.scenario)}-seed{config.seed}'
     path = out or Path('runs') / name
     if resume:
         return RunFolder(path)

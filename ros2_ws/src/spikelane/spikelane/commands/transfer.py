@@ -21,6 +21,7 @@ from spikelane.transfer import (
 )
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.transfer import TransferParameters
+from spikelane_sim.course import course_label
 
 _SHOWN_TIMES = 200  # of each stage
 
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _folder(config: TransferConfig, out: Path | None) -> RunFolder:
-    name = f'transfer-{Path(config.scenario).stem}-seed{config.seed}'
+    name = f'transfer-{course_label(config.scenario)}-seed{config.seed}'
     folder = RunFolder.create(out or Path('runs') / name, numbered=out is None)
     folder.write_config(config.to_dict())
     return folder

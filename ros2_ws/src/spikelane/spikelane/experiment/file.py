@@ -11,7 +11,7 @@
         pixels: {noisy: {model: esim, esim.shot_rate_hz: 5}}        # ... of simulator.pixels
         cameras: {paper: {}, smooth: {antialias: true}}             # ... of simulator.camera
         variants: {slow: {rstdp.c_r: 0.005}}                        # any parameters
-        courses: [1, 2]                # evaluated on, each in a run of its own
+        courses: [1, 2, random:100]    # evaluated on, each in a run of its own; 100 in one
         conditions: {late: {simulator.link.latency_ms: 100}}        # of evaluations alone
         tasks: {train: {steps: 30000}, evaluate: {laps: 3}}
 
@@ -33,6 +33,7 @@ from spikelane_controllers.registry import controller_class, CONTROLLERS
 from spikelane_sim.course import available_courses, load_course, scenario_course
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import Parameters, ParameterSpec
+from spikelane_sim.random_course import expand_courses, is_random
 from spikelane_sim.simulator import SimulatorParameters
 from spikelane_sim.yaml_file import read_yaml, YamlValue
 
@@ -118,7 +119,7 @@ def _read_block(value: YamlValue) -> Block:
         else ('1',),
         seeds=_read_seeds(fields['seeds']) if 'seeds' in fields else (0,),
         transport=transport.choice(*TRANSPORTS) if transport else 'inprocess',
-        courses=tuple(map(_course, _some(fields['courses']))) if 'courses' in fields else (),
+        courses=tuple(map(_courses, _some(fields['courses']))) if 'courses' in fields else (),
         conditions=axes.pop('conditions', {}),
         axes=axes,
         tasks=dict(_read_tasks(fields['tasks'])),
@@ -212,9 +213,21 @@ def _read_seeds(value: YamlValue) -> tuple[int, ...]:
 
 def _course(value: YamlValue) -> str:
     known = ', '.join(each.removeprefix('scenario_') for each in available_courses())
-    text = value.scalar(f'{known} or the path of a course file')
+    text = value.scalar(f'{known}, random:SEED or the path of a course file')
     try:
         load_course(scenario_course(text))
+    except SpikelaneError as error:
+        value.refuse(f'{value.name}: {error}')
+    return text
+
+
+def _courses(value: YamlValue) -> str:
+    """Return a course, or the name of several random ones."""
+    text = value.scalar('a course')
+    if not is_random(text):
+        return _course(value)
+    try:
+        expand_courses(text)
     except SpikelaneError as error:
         value.refuse(f'{value.name}: {error}')
     return text

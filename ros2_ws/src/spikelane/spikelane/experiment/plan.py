@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
 from spikelane.experiment.tasks import FROM_RUN, Need, plain, Point, TASKS
 from spikelane.run_folder import RunFolder
+from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
 
@@ -111,7 +112,7 @@ class _Planner:
         for course, condition in itertools.product(courses, conditions):
             labels = dict(place.labels)
             if course:
-                labels['courses'] = Path(course).stem
+                labels['courses'] = course_label(course)
             if condition:
                 labels['conditions'] = condition
             point = Point(
@@ -202,7 +203,7 @@ def _parameters(block: Block, labels: Mapping[str, str], controller: str) -> dic
 
 
 def _name(task: str, point: Point, labels: Mapping[str, str]) -> str:
-    parts = [task, point.controller, Path(point.scenario).stem, *labels.values()]
+    parts = [task, point.controller, course_label(point.scenario), *labels.values()]
     return '-'.join([*parts, f'seed{point.seed}'])
 
 

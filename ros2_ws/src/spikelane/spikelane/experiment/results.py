@@ -29,7 +29,8 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
         name; `confidence`: how intervals are found; `runs`: of each its name, task, place in the
         matrix, state, message and folder; `groups`: of finished runs that differ in nothing but
         the seed: their task and place, seeds, and `metrics`: statistics of each number over the
-        seeds (`mean_statistics`), `laps` (`evaluation.summarise`) of all laps of evaluations.
+        seeds (`mean_statistics`), `operations` of evaluations likewise, `laps`
+        (`evaluation.summarise`) of all laps of evaluations.
 
     Raises:
         FileError: The metrics of a finished run cannot be read.
@@ -71,6 +72,13 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
             if all(_is_measured(name, metrics.get(name)) for metrics in found)
         },
     }
+    counted = [metrics['operations'] for metrics in found if metrics.get('operations')]
+    if len(counted) == len(found):
+        group['operations'] = {
+            name: mean_statistics([operations[name] for operations in counted])
+            for name in counted[0]
+            if all(name in operations for operations in counted)
+        }
     laps = [lap for metrics in found for lap in metrics.get('laps', ())]
     if laps:
         lanes = list(dict.fromkeys(lap['lane'] for lap in laps))
