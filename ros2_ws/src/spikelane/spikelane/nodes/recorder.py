@@ -15,7 +15,6 @@ import importlib
 from pathlib import Path
 import signal
 import sys
-import threading
 import time
 
 from ament_index_python.packages import get_package_share_directory
@@ -40,6 +39,22 @@ _DISCOVERY_PERIOD_S = 0.05
 _SERVICE_PERIOD_S = 0.2
 _CHECK_PERIOD_S = 1.0
 _CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
+
+
+class Stop:
+    """Whether a signal has asked to stop.
+
+    No threading.Event: its lock is held while it is set or waited for, so that a signal amid
+    that, a second one say, would wait for itself for ever.
+    """
+
+    def __init__(self) -> None:
+        self.is_asked_for = False
+
+    def ask_for(self, number: int, frame: object) -> None:
+        """Handle a signal."""
+        del number, frame
+        self.is_asked_for = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +111,7 @@ class Recorder(Node):
         wanted = ', '.join(self._listed) or 'all topics'
         self.get_logger().info(f'recording to {self._writer.path}, waiting for {wanted}')
 
-    def spin(self, stop: threading.Event) -> None:
+    def spin(self, stop: Stop) -> None:
         """Record until told to stop.
 
         Raises:
@@ -110,11 +125,11 @@ class Recorder(Node):
             _Periodic(_CHECK_PERIOD_S, self.check_publishers),
             _Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
-        while not stop.is_set():
+        while not stop.is_asked_for:
             self.take()
             for job in jobs:
                 job.run_if_due()
-            stop.wait(_TAKE_PERIOD_S)
+            time.sleep(_TAKE_PERIOD_S)
         executor.remove_node(self)
 
     def take(self) -> None:
@@ -287,9 +302,9 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         0; 1 if recording failed (a full disk); 2 if a parameter is wrong.
     """
-    stop = threading.Event()
+    stop = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, stop.ask_for)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         return _record(stop)
@@ -297,7 +312,7 @@ def main(args: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def _record(stop: threading.Event) -> int:
+def _record(stop: Stop) -> int:
     try:
         recorder = Recorder()
     except SpikelaneError as error:
