@@ -2,7 +2,7 @@
 # Makes the runs behind docs/results/rstdp.md: ten seeds of R-STDP in each scenario, with the
 # paper's camera (paper), with the best camera setting found (best) and, in scenario 3, with the
 # paper's camera and a larger reward (reward), then laps with learning off.
-# Usage: docs/results/rstdp.sh OUT [JOBS]; about 55 minutes on 2 free cores. What is there is kept.
+# Usage: docs/results/rstdp.sh OUT [JOBS]; about 45 minutes on 2 free cores. What is there is kept.
 # The table: docs/results/rstdp_table.py OUT.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd -P)
@@ -37,7 +37,7 @@ measure() { # SETTING SCENARIO STEPS SEED
 }
 export -f spikelane measure
 
-for job in 'best 1 30000' 'best 2 30000' 'best 3 30000' \
+for job in 'best 1 10000' 'best 2 10000' 'best 3 30000' \
   'paper 1 30000' 'paper 2 40000' 'reward 3 30000' 'paper 3 120000'; do
   for seed in {0..9}; do echo "$job $seed"; done
 done | xargs -P "$jobs" -L 1 bash -c 'measure $0 $1 $2 $3'
