@@ -37,7 +37,7 @@ measure() { # SETTING SCENARIO STEPS SEED
 }
 export -f spikelane measure
 
-for job in 'best 1 10000' 'best 2 10000' 'best 3 30000' \
+for job in 'best 1 30000' 'best 2 30000' 'best 3 30000' \
   'paper 1 30000' 'paper 2 40000' 'reward 3 30000' 'paper 3 120000'; do
   for seed in {0..9}; do echo "$job $seed"; done
 done | xargs -P "$jobs" -L 1 bash -c 'measure $0 $1 $2 $3'
