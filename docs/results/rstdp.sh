@@ -2,7 +2,7 @@
 # Makes the runs behind docs/results/rstdp.md: ten seeds of R-STDP in each scenario, with the
 # paper's camera (paper), with the best camera setting found (best) and, in scenario 3, with the
 # paper's camera and a larger reward (reward), then laps with learning off.
-# Usage: docs/results/rstdp.sh OUT [JOBS]; about 55 minutes on 2 free cores. What is there is kept.
+# Usage: docs/results/rstdp.sh OUT [JOBS]; about 45 minutes on 2 free cores. What is there is kept.
 # The table: docs/results/rstdp_table.py OUT.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd -P)

@@ -54,7 +54,7 @@ class Sensor:
         packets: Taken.
         lost: Missing in the packets' numbering.
         faulty: Could not be decoded: a step without events, or nothing of a camera's step.
-        on: Events decoded that say brighter.
+        on: Events decoded that say brighter; 0 like the next three unless `sums_events`.
         off: Events decoded that say darker.
         sum_x: Sum of the columns of the events decoded [px].
         sum_y: Sum of their rows [px].
@@ -70,6 +70,7 @@ class Sensor:
         width: int = 128,
         height: int = 128,
         has_lane: bool = False,
+        sums_events: bool = False,
         on_fault: Callable[[str], None] = lambda reason: None,
         on_loss: Callable[[int], None] = lambda count: None,
     ) -> None:
@@ -80,6 +81,7 @@ class Sensor:
             width: Columns of the image that is wanted [px].
             height: Rows of the image that is wanted [px].
             has_lane: Whether lane states come with the packets, as from a simulator.
+            sums_events: Whether on, off, sum_x and sum_y are kept, to compare with other decoders.
             on_fault: Told why a packet cannot be decoded.
             on_loss: Told how many packets are missing before one.
 
@@ -93,7 +95,7 @@ class Sensor:
                 'source: expected auto or simulator where lane states are used, got camera'
             )
         self._size = (width, height)
-        self._has_lane = has_lane
+        self._has_lane, self._sums_events = has_lane, sums_events
         self._on_fault, self._on_loss = on_fault, on_loss
         self._source = ('', 0, 0)  # encoding, width, height
         self._stamp_ns = self._sequence = 0
@@ -143,6 +145,20 @@ class Sensor:
         self._on_loss(count)
 
     def _simulated(self, packet: ReceivedPacket) -> list[SensorStep]:
+        events = self._decoded(decode, packet)
+        return [SensorStep(packet.stamp_ns, no_events() if events is None else events)]
+
+    def _binned(self, bins: Bins, packet: ReceivedPacket) -> list[SensorStep]:
+        events = self._decoded(bins.decoder.decode, packet)
+        if events is None:
+            return []
+        before = bins.restarts
+        steps = bins.add(events, packet.stamp_ns)
+        self.restarts += bins.restarts - before
+        return steps
+
+    def _decoded(self, decode: Callable[..., Events], packet: ReceivedPacket) -> Events | None:
+        """Return a packet's events, None where they cannot be decoded."""
         try:
             events = decode(
                 packet.encoding,
@@ -154,34 +170,12 @@ class Sensor:
                 packet.is_bigendian,
             )
         except PacketError as error:
-            self._fail(error)
-            events = no_events()
-        self._count(events)
-        return [SensorStep(packet.stamp_ns, events)]
-
-    def _binned(self, bins: Bins, packet: ReceivedPacket) -> list[SensorStep]:
-        try:
-            events = bins.decoder.decode(
-                packet.encoding,
-                packet.data,
-                packet.stamp_ns,
-                packet.time_base_ns,
-                packet.width,
-                packet.height,
-                packet.is_bigendian,
-            )
-        except PacketError as error:
-            self._fail(error)
-            return []
-        self._count(events)
-        before = bins.restarts
-        steps = bins.add(events, packet.stamp_ns)
-        self.restarts += bins.restarts - before
-        return steps
-
-    def _fail(self, error: PacketError) -> None:
-        self.faulty += 1
-        self._on_fault(str(error))
+            self.faulty += 1
+            self._on_fault(str(error))
+            return None
+        if self._sums_events:
+            self._count(events)
+        return events
 
     def _count(self, events: Events) -> None:
         on, sum_x, sum_y = _sums(events)
@@ -193,7 +187,7 @@ class Sensor:
 
 @numba.njit(cache=True)
 def _sums(events: Events) -> tuple[int, int, int]:
-    """Return how many events are ON, and the sums of columns and rows; on every step's path."""
+    """Return how many events are ON, and the sums of columns and rows."""
     on, sum_x, sum_y = 0, 0, 0
     for event in events:
         on += event.polarity > 0

@@ -46,7 +46,7 @@ def packet(
 
 def camera(**parameters: Any) -> Sensor:
     """Return a sensor that takes all packets for a camera's."""
-    return Sensor(SensorParameters(source='camera', **parameters))
+    return Sensor(SensorParameters(source='camera', **parameters), sums_events=True)
 
 
 def times(steps: list[Any]) -> list[tuple[int, list[int]]]:
@@ -227,7 +227,7 @@ def test_real_cameras_give_the_known_counts_in_steps(
     name: str, counts: tuple[int, ...], steps: int
 ) -> None:
     """All of their events, whatever of them is used; steps of 128 x 128 at 50 ms."""
-    sensor = Sensor()
+    sensor = Sensor(sums_events=True)
     given = [step for each in recorded(name) for step in sensor.add(each)]
     assert sensor.is_camera is True
     assert (sensor.packets, sensor.on, sensor.off, sensor.sum_x, sensor.sum_y) == counts

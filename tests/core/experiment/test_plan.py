@@ -187,8 +187,8 @@ def test_the_experiment_on_rstdp_is_that_of_the_script() -> None:
         ('paper', '1', 30_000),
         ('paper', '2', 40_000),
         ('paper', '3', 120_000),
-        ('best', '1', 10_000),
-        ('best', '2', 10_000),
+        ('best', '1', 30_000),
+        ('best', '2', 30_000),
         ('best', '3', 30_000),
     }
     assert len(trained) == 60

@@ -183,7 +183,7 @@ def make_sensor(config: ReplayConfig, drive: RecordedDrive) -> Sensor:
     """
     width, height = image_size(config.controller_parameters)
     has_lane = drive.has_lane and config.use_lane_state
-    return Sensor(config.sensor, width=width, height=height, has_lane=has_lane)
+    return Sensor(config.sensor, width=width, height=height, has_lane=has_lane, sums_events=True)
 
 
 def make_folder(config: ReplayConfig, out: Path | None) -> RunFolder:
