@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import json
 import os
 from pathlib import Path
@@ -49,8 +49,35 @@ RESULTS = (
 )
 
 
+#: A Q-network that has hardly learnt anything, its policy in spikes, and a lap cut short.
+DEEP = """
+name: deep
+matrix:
+  controllers: [dqn, dqn_snn]
+  robots: [kinematic]
+  seeds: [3]
+  variants:
+    short:
+      dqn.q_learning.random_steps: 40
+      dqn.q_learning.learning_rate: 0.01
+      transfer.batch_size: 20
+  tasks:
+    train: {steps: 80}
+    transfer: {states: 400, steps: 60}
+"""
+LEARN, TRANSFER = (
+    'train-dqn-1-kinematic-short-seed3',
+    'transfer-dqn_snn-1-kinematic-short-seed3',
+)
+DEEP_RESULTS = (f'{LEARN}/checkpoint.safetensors', f'{LEARN}/states.zst')
+
+
 class Experiment:
-    """An experiment in a folder, by the command."""
+    """An experiment in a folder, by the command.
+
+    Attributes:
+        folder: Of the experiment.
+    """
 
     def __init__(self, folder: Path, text: str = TINY) -> None:
         self.folder = folder / 'out'
@@ -84,9 +111,9 @@ class Experiment:
         """Return what happened to a run."""
         return [entry['event'] for entry in self.log() if entry.get('run') == run]
 
-    def results(self) -> dict[str, bytes]:
+    def results(self, names: Sequence[str] = RESULTS) -> dict[str, bytes]:
         """Return all that must be the same however it came about."""
-        return {name: (self.folder / name).read_bytes() for name in RESULTS}
+        return {name: (self.folder / name).read_bytes() for name in names}
 
     def saved_steps(self) -> int:
         """Return the steps in the training's checkpoint, -1 where there is none."""
@@ -119,6 +146,14 @@ def wait_until(is_so: Callable[[], bool], process: subprocess.Popen[str]) -> Non
     deadline_s = time.monotonic() + DEADLINE_S
     while not is_so():
         assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline_s, 'waited in vain'
+        time.sleep(0.005)
+
+
+def wait_while(is_so: Callable[[], bool]) -> None:
+    """Wait until something is no longer so."""
+    deadline_s = time.monotonic() + DEADLINE_S
+    while is_so():
         assert time.monotonic() < deadline_s, 'waited in vain'
         time.sleep(0.005)
 
@@ -255,6 +290,67 @@ def test_a_cluster_gives_the_same_results_though_a_worker_is_killed(
     assert {each['state'] for each in json.loads(output)['runs']} == {'done'}
     assert experiment.events(TRAIN) == ['start', 'retry', 'start', 'done']
     assert experiment.results() == whole.results()
+
+
+@pytest.fixture(scope='module')
+def deep(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    """Give an experiment with a transfer that nobody disturbed."""
+    pytest.importorskip('torch')
+    experiment = Experiment(tmp_path_factory.mktemp('deep'), DEEP)
+    experiment.finish()
+    return experiment
+
+
+@pytest.mark.slow
+def test_a_transfer_is_what_the_command_for_it_leaves(deep: Experiment, tmp_path: Path) -> None:
+    """The networks bit for bit, and what is said of them; its accuracy is among the results."""
+    alone = tmp_path / 'alone'
+    command = ['transfer', '--checkpoint', str(deep.folder / LEARN), '--states', '400']
+    command += ['--steps', '60', '--param', 'transfer.batch_size=20', '--robot', 'kinematic']
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert run([*command, '--seed', '3', '--out', str(alone)]) == 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    weights = 'checkpoint.safetensors'
+    assert (alone / weights).read_bytes() == (deep.folder / TRANSFER / weights).read_bytes()
+    measured, expected = (
+        {
+            name: value
+            for name, value in json.loads((folder / 'metrics.json').read_text()).items()
+            if name not in ('folder', 'checkpoint', 'figures')
+        }
+        for folder in (deep.folder / TRANSFER, alone)
+    )
+    assert measured == expected
+    assert measured['states_from'] == {'training': 80, 'gathered': 400}
+    _, group = json.loads((deep.folder / 'results.json').read_text())['groups']
+    assert (group['task'], group['controller']) == ('transfer', 'dqn_snn')
+    assert group['metrics']['accuracy']['mean'] == measured['accuracy']
+    progress = json.loads((deep.folder / TRANSFER / 'progress.json').read_text())
+    assert progress == {'steps': 400 * 10 + 60, 'share': 1.0}
+
+
+@pytest.mark.slow
+def test_a_transfer_that_is_killed_is_done_again(deep: Experiment, tmp_path: Path) -> None:
+    """With the same results, and the training before it not once more."""
+    experiment = Experiment(tmp_path, DEEP)
+    process = experiment.start()
+    wait_until(lambda: (experiment.folder / TRANSFER / 'progress.json').exists(), process)
+    process.kill()
+    process.wait()
+    wait_while(lambda: experiment.workers() != [])
+    assert not (experiment.folder / TRANSFER / 'metrics.json').exists()
+    experiment.finish()
+    assert experiment.events(LEARN) == ['start', 'done']
+    assert experiment.events(TRANSFER) == ['start', 'start', 'done']
+    assert experiment.results(DEEP_RESULTS) == deep.results(DEEP_RESULTS)
+    # That of a transfer says whose policy it is, by its folder.
+    one, other = (
+        read_checkpoint(each.folder / TRANSFER, 'dqn_snn') for each in (experiment, deep)
+    )
+    assert one.arrays.keys() == other.arrays.keys()
+    assert all((one.arrays[name] == other.arrays[name]).all() for name in other.arrays)
 
 
 FAILING = """

@@ -7,8 +7,13 @@ import re
 
 import pytest
 
-from spikelane.experiment.file import ExperimentError, ExperimentRecord, read_experiment
-from spikelane.experiment.tasks import EvaluateOptions, TrainOptions
+from spikelane.experiment.file import (
+    ExperimentError,
+    ExperimentRecord,
+    read_experiment,
+    with_seeds,
+)
+from spikelane.experiment.tasks import EvaluateOptions, TrainOptions, TransferOptions
 
 ROOT = Path(__file__).parents[3]
 
@@ -82,6 +87,41 @@ def test_one_block_needs_no_list_and_seeds_can_be_counted(tmp_path: Path) -> Non
     assert block.seeds == (0, 1, 2)
 
 
+TRANSFER = """name: a
+matrix:
+  controllers: [dqn, dqn_snn]
+  variants: {a: {transfer: {decays: true}, gathering.random_actions: 0.2}}
+  tasks: {train: {}, transfer: {states: 7, from_training: false}}
+"""
+
+
+def test_a_transfers_parameters_are_known_where_there_is_one(tmp_path: Path) -> None:
+    """Elsewhere they would do nothing, as in conditions; its options have the usual defaults."""
+    (block,) = read(tmp_path, TRANSFER).blocks
+    assert block.axes == {
+        'variants': {'a': {'transfer.decays': True, 'gathering.random_actions': 0.2}}
+    }
+    assert block.tasks['transfer'] == TransferOptions(states=7, steps=10_000, from_training=False)
+    for text in (
+        TRANSFER.replace('train: {}, transfer: {states: 7, from_training: false}', 'evaluate: {}'),
+        TRANSFER.replace('variants', 'conditions'),
+        TRANSFER.replace(', dqn_snn', ''),
+    ):
+        message = r":4: unknown parameter 'transfer\.decays', expected dqn\.<name>, "
+        with pytest.raises(ExperimentError, match=message):
+            read(tmp_path, text)
+
+
+def test_seeds_can_be_counted_anew(tmp_path: Path) -> None:
+    """In every block, and nothing else."""
+    record = read(tmp_path, WHOLE)
+    other = with_seeds(record, 2)
+    assert [block.seeds for block in other.blocks] == [(0, 1), (0, 1)]
+    assert [block._replace(seeds=()) for block in other.blocks] == [
+        block._replace(seeds=()) for block in record.blocks
+    ]
+
+
 @pytest.mark.parametrize('path', sorted((ROOT / 'experiments').glob('*.yaml')), ids=str)
 def test_the_files_that_come_along_can_be_read(path: Path) -> None:
     """Each is named as its experiment."""
@@ -152,7 +192,7 @@ matrix:
             'variants: {a: {braitenberg.poisson.max_events: 9}}',
             ":5: unknown parameter 'braitenberg.poisson.max_events', expected rstdp.<name>, ",
         ),
-        ('train:', 'drain:', ":7: unknown task 'drain', expected train, evaluate"),
+        ('train:', 'drain:', ":7: unknown task 'drain', expected train, transfer, evaluate"),
         ('steps: 200', 'steps: -2', ':7: steps: expected a whole number of at least 0, got -2'),
         (
             '    cameras',

@@ -171,6 +171,68 @@ def test_a_combination_that_is_not_allowed_is_refused_with_its_block(tmp_path: P
         )
 
 
+TRANSFERS = """
+  controllers: [dqn, dqn_snn]
+  seeds: [4]
+  robots: [kinematic]
+  variants: {usual: {}, quicker: {transfer.learning_rate: 0.01, dqn_snn.encoding.frames: 10}}
+  tasks: {train: {steps: 100}, transfer: {states: 50, steps: 30}, evaluate: {}}
+"""
+
+
+def test_a_transfer_comes_between_the_q_network_and_the_laps(tmp_path: Path) -> None:
+    """Of the same place; what concerns the transfer alone makes no other training."""
+    plan = plan_of(tmp_path, TRANSFERS)
+    train, transfer = 'train-dqn-1-kinematic-usual-seed4', 'transfer-dqn_snn-1-kinematic'
+    assert lines(plan.runs) == [
+        train,
+        f'{transfer}-usual-seed4 < {train}',
+        f'{transfer}-quicker-seed4 < {train}',
+        f'evaluate-dqn-1-kinematic-usual-seed4 < {train}',
+        f'evaluate-dqn_snn-1-kinematic-usual-seed4 < {transfer}-usual-seed4',
+        f'evaluate-dqn_snn-1-kinematic-quicker-seed4 < {transfer}-quicker-seed4',
+    ]
+    usual, quicker = (run.identity['configuration'] for run in plan.runs[1:3])
+    assert usual['gathering']['states'] == quicker['gathering']['states'] == 50
+    assert usual['transfer']['steps'] == quicker['transfer']['steps'] == 30
+    assert [each['transfer']['learning_rate'] for each in (usual, quicker)] == [1e-4, 0.01]
+    assert usual['simulator']['robot.model'] == 'kinematic'
+    assert (usual['seed'], usual['from_training']) == (4, True)
+    drives = [run.identity['configuration']['dqn_snn'] for run in plan.runs[4:]]
+    assert [each['encoding.frames'] for each in drives] == [1, 10]
+
+
+def test_another_training_makes_another_transfer(tmp_path: Path) -> None:
+    """And other laps after it, though all they say of themselves is the same."""
+    keys = [
+        {run.name: run.key for run in plan_of(tmp_path, text).runs}
+        for text in (TRANSFERS, TRANSFERS.replace('steps: 100', 'steps: 101'))
+    ]
+    assert keys[0].keys() == keys[1].keys()
+    assert all(keys[0][name] != keys[1][name] for name in keys[0])
+
+
+def test_a_transfer_without_a_training_is_refused(tmp_path: Path) -> None:
+    """With what is missing."""
+    with pytest.raises(
+        ExperimentError,
+        match=r'plan\.yaml:3: transfer of dqn_snn: expected train of dqn in the experiment too',
+    ):
+        plan_of(tmp_path, '  {controllers: [dqn_snn], tasks: [transfer, evaluate]}')
+
+
+def test_a_policy_that_is_not_transferred_drives_with_shipped_weights(tmp_path: Path) -> None:
+    """Even where its Q-network is trained."""
+    plan = plan_of(
+        tmp_path, '  {controllers: [dqn, dqn_snn], tasks: {train: {steps: 100}, evaluate: {}}}'
+    )
+    assert lines(plan.runs) == [
+        'train-dqn-1-seed0',
+        'evaluate-dqn-1-seed0 < train-dqn-1-seed0',
+        'evaluate-dqn_snn-1-seed0',
+    ]
+
+
 def test_the_experiment_on_rstdp_is_that_of_the_script() -> None:
     """docs/results/rstdp.sh: SETTING SCENARIO STEPS of ten seeds, laps with seed 100 and on."""
     root = Path(__file__).parents[3]

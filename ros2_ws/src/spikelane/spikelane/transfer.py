@@ -44,6 +44,9 @@ GATHERING_DEFAULTS = {'simulator.episode.max_laps': 0, 'simulator.episode.max_st
 #: Accuracy on the states (paper section 5.2), by scenario.
 PAPER_ACCURACY = {'scenario_1': 0.9305, 'scenario_2': 0.9171}
 
+#: What is being done, in turn: states gathered, steps of training done.
+STATES, TRAINING_STEPS = 'states', 'training steps'
+
 #: Shows what is being done, how much of it is, and of how much.
 Show = Callable[[str, int, int], None]
 
@@ -113,9 +116,8 @@ def make_config(
     Raises:
         SpikelaneError: Anything is unknown or not allowed, or there is no such checkpoint.
     """
-    course = scenario_course(scenario)
     if checkpoint is None:
-        checkpoint = course
+        checkpoint = scenario_course(scenario)
     elif checkpoint not in shipped_weights('dqn'):
         checkpoint = str(Path(checkpoint).absolute())
     is_there = _states_file(find_checkpoint('dqn', checkpoint)).exists()
@@ -123,9 +125,28 @@ def make_config(
         raise ParameterError(
             f'--from-training: expected {NAME} beside the checkpoint, got none: {checkpoint}'
         )
+    is_wanted = is_there if from_training is None else from_training
+    return configure_transfer(scenario, checkpoint, seed, parameters, is_wanted)
+
+
+def configure_transfer(
+    scenario: str, checkpoint: str, seed: int, parameters: Mapping[str, Any], from_training: bool
+) -> TransferConfig:
+    """Make the configuration of a transfer as it will be, whether its checkpoint is there or not.
+
+    Args:
+        scenario: As in `make_config`.
+        checkpoint: Taken as it is.
+        seed: As in `make_config`.
+        parameters: As in `make_config`.
+        from_training: As in TransferConfig.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
     groups = parameter_groups(
         GATHERING_DEFAULTS | dict(parameters),
-        {'simulator': {'course': course}, 'gathering': {}, 'transfer': {}},
+        {'simulator': {'course': scenario_course(scenario)}, 'gathering': {}, 'transfer': {}},
     )
     check_seed(seed)
     return TransferConfig(
@@ -135,7 +156,7 @@ def make_config(
         simulator=SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
         gathering=GatheringParameters.from_mapping(groups['gathering'], 'gathering'),
         transfer=TransferParameters.from_mapping(groups['transfer'], 'transfer'),
-        from_training=is_there if from_training is None else from_training,
+        from_training=from_training,
     )
 
 
@@ -162,7 +183,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
             lambda counts: _action(policy, counts),
             config.gathering,
             config.seed,
-            lambda done, of: show('states', done, of),
+            lambda done, of: show(STATES, done, of),
         )
     counts = np.vstack(list(parts.values()))
     actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
@@ -173,7 +194,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
         config.gathering.encoding.frames,
         config.transfer,
         np.random.default_rng([config.seed, 3]),  # 0 to 2: simulator, controller, gathering
-        lambda done, of: show('training steps', done, of),
+        lambda done, of: show(TRAINING_STEPS, done, of),
     )
     return PolicyTransfer(
         learnt,

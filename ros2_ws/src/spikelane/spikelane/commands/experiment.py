@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 import contextlib
 import json
 import os
@@ -73,17 +74,13 @@ def run(options: argparse.Namespace) -> int:
     if options.dry_run:
         _list(Runner(plan, root, options.retries), root, options.json)
         return 0
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SpikelaneError(f'{root}: cannot be made: {error.strerror}') from None
-    with locked(root, patience_s=1.0):
-        return _do(plan, root, options)
+    results = do_plan(plan, root, lambda: _engine(options), options.retries, options.json)
+    print(json.dumps({**results, 'folder': str(root)}) if options.json else summary(results, root))
+    return 0 if is_finished(results) else 1
 
 
 def _check(options: argparse.Namespace) -> None:
-    if options.jobs is not None and options.jobs < 1:
-        raise ParameterError(f'--jobs: expected a whole number of at least 1, got {options.jobs}')
+    check_jobs(options.jobs)
     if options.retries < 0:
         raise ParameterError(
             f'--retries: expected a whole number of at least 0, got {options.retries}'
@@ -92,39 +89,78 @@ def _check(options: argparse.Namespace) -> None:
         raise ParameterError('--address: expected --engine ray with it')
 
 
-def _do(plan: Plan, root: Path, options: argparse.Namespace) -> int:
+def check_jobs(jobs: int | None) -> None:
+    """Check --jobs.
+
+    Raises:
+        ParameterError: It is too small.
+    """
+    if jobs is not None and jobs < 1:
+        raise ParameterError(f'--jobs: expected a whole number of at least 1, got {jobs}')
+
+
+def do_plan(
+    plan: Plan, root: Path, make_engine: Callable[[], Engine], retries: int, is_quiet: bool
+) -> dict[str, Any]:
+    """Do an experiment's runs in its folder, where no other command may be at work.
+
+    Args:
+        plan: The runs.
+        root: The folder, new or to be gone on with.
+        make_engine: Makes what does them.
+        retries: How often a run is begun again whose process was killed.
+        is_quiet: Whether people are told nothing.
+
+    Returns:
+        The results (`experiment_results`), which are in the folder too, however it ends.
+
+    Raises:
+        SpikelaneError: The folder cannot be made or written, or is in use.
+    """
     # Here and not above: drawing takes longer to import than a list of runs to make.
     from spikelane.experiment.table import shown
 
-    runner = Runner(plan, root, options.retries)
     try:
-        # The standard output is for results; Ray would say there what it thinks of a worker's end.
-        with contextlib.redirect_stdout(sys.stderr):
-            engine = _engine(options)
-            with shown(runner, engine.slots, options.json) as show:
-                counts = runner.run(engine, show)
-    except BaseException as error:
-        if not isinstance(error, Exception):  # Ctrl-C, or SIGTERM
-            finished = runner.counts.finished
-            print(
-                f'stopped, {finished} of {runner.counts.total} runs are finished; '
-                f'the same command goes on',
-                file=sys.stderr,
-            )
-        raise
-    finally:
-        results = experiment_results(plan.name, list(runner.statuses.values()))
-        write_results(RunFolder(root), results)
-    if options.json:
-        print(json.dumps({**results, 'folder': str(root)}))
-    else:
-        print(_summary(results, root))
-    return 0 if counts.finished == counts.total else 1
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SpikelaneError(f'{root}: cannot be made: {error.strerror}') from None
+    with locked(root, patience_s=1.0):
+        runner = Runner(plan, root, retries)
+        try:
+            # The standard output is for results; Ray would say there what it thinks of a
+            # worker's end.
+            with contextlib.redirect_stdout(sys.stderr):
+                engine = make_engine()
+                with shown(runner, engine.slots, is_quiet) as show:
+                    runner.run(engine, show)
+        except BaseException as error:
+            if not isinstance(error, Exception):  # Ctrl-C, or SIGTERM
+                finished = runner.counts.finished
+                print(
+                    f'stopped, {finished} of {runner.counts.total} runs are finished; '
+                    f'the same command goes on',
+                    file=sys.stderr,
+                )
+            raise
+        finally:
+            results = experiment_results(plan.name, list(runner.statuses.values()))
+            write_results(RunFolder(root), results)
+    return results
+
+
+def is_finished(results: Mapping[str, Any]) -> bool:
+    """Return whether all runs of an experiment are."""
+    return all(State(each['state']).is_finished for each in results['runs'])
+
+
+def local_engine(jobs: int | None) -> LocalEngine:
+    """Return what does runs on this machine: so many at a time, or as there are processors."""
+    return LocalEngine(jobs or os.cpu_count() or 1)
 
 
 def _engine(options: argparse.Namespace) -> Engine:
     if options.engine == 'local':
-        return LocalEngine(options.jobs or os.cpu_count() or 1)
+        return local_engine(options.jobs)
     from spikelane.experiment.ray import RayEngine
 
     return RayEngine(options.address, options.jobs)
@@ -152,7 +188,7 @@ def _list(runner: Runner, root: Path, is_json: bool) -> None:
     print(f'{len(rows)} runs, {done} finished, in {root}')
 
 
-def _summary(results: dict[str, Any], root: Path) -> str:
+def summary(results: Mapping[str, Any], root: Path) -> str:
     """Return the results for people: a line for each group, then what failed."""
     lines = []
     for group in results['groups']:
@@ -163,6 +199,8 @@ def _summary(results: dict[str, Any], root: Path) -> str:
             error = group['laps']['all']['mean_abs_distance_m']
             text += f': {completed["successes"]} of {completed["n"]} laps completed'
             text += '' if error is None else f', mean error {error["mean"]:.4f} m'
+        elif 'accuracy' in group['metrics']:
+            text += f': accuracy {group["metrics"]["accuracy"]["mean"]:.2%}'
         lines.append(text)
     for each in results['runs']:
         if each['state'] in ('failed', 'blocked'):

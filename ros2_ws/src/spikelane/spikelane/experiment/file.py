@@ -13,28 +13,28 @@
         variants: {slow: {rstdp.c_r: 0.005}}                        # any parameters
         courses: [1, 2, random:100]    # evaluated on, each in a run of its own; 100 in one
         conditions: {late: {simulator.link.latency_ms: 100}}        # of evaluations alone
-        tasks: {train: {steps: 30000}, evaluate: {laps: 3}}
+        tasks: {train: {steps: 30000}, transfer: {states: 9000}, evaluate: {laps: 3}}
 
 A block stands for every combination of what is in its lists. Parameters of a controller concern
-that controller alone. YAML's anchors and aliases spare repetition.
+that controller alone, and those of a task that task, as `transfer.learning_rate`. YAML's anchors
+and aliases spare repetition.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 import dataclasses
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
 from spikelane.configuration import TRANSPORTS
-from spikelane.experiment.tasks import TASKS
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane.experiment.tasks import controller_groups, TASKS
+from spikelane_controllers.registry import CONTROLLERS
 from spikelane_sim.course import available_courses, load_course, scenario_course
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import Parameters, ParameterSpec
 from spikelane_sim.random_course import expand_courses, is_random
-from spikelane_sim.simulator import SimulatorParameters
 from spikelane_sim.yaml_file import read_yaml, YamlValue
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
@@ -101,12 +101,24 @@ def read_experiment(path: Path) -> ExperimentRecord:
     )
 
 
+def with_seeds(record: ExperimentRecord, seeds: int) -> ExperimentRecord:
+    """Return an experiment with other seeds in all its blocks, so many from 0."""
+    blocks = (block._replace(seeds=tuple(range(seeds))) for block in record.blocks)
+    return record._replace(blocks=tuple(blocks))
+
+
 def _read_block(value: YamlValue) -> Block:
     fields = value.fields(_REQUIRED, _OPTIONAL)
     controllers = tuple(each.choice(*CONTROLLERS) for each in _some(fields['controllers']))
-    specs = _known_parameters(controllers)
+    tasks = dict(_read_tasks(fields['tasks']))
     axes = {
-        name: _read_axis(fields[name], prefix, bare, specs)
+        # Conditions are of evaluations alone, whatever else is done.
+        name: _read_axis(
+            fields[name],
+            prefix,
+            bare,
+            _known_parameters(controllers, () if name == 'conditions' else tasks),
+        )
         for name, (prefix, bare) in _AXES.items()
         if name in fields
     }
@@ -122,7 +134,7 @@ def _read_block(value: YamlValue) -> Block:
         courses=tuple(map(_courses, _some(fields['courses']))) if 'courses' in fields else (),
         conditions=axes.pop('conditions', {}),
         axes=axes,
-        tasks=dict(_read_tasks(fields['tasks'])),
+        tasks=tasks,
     )
 
 
@@ -193,9 +205,16 @@ def _near(name: str, specs: Mapping[str, ParameterSpec]) -> list[str]:
     return sorted({re.sub(r'\..*', '.<name>', each) for each in specs})
 
 
-def _known_parameters(controllers: tuple[str, ...]) -> dict[str, ParameterSpec]:
-    groups: dict[str, type[Parameters]] = {'simulator': SimulatorParameters}
-    groups |= {name: controller_class(name).parameters_class for name in controllers}
+def _known_parameters(
+    controllers: Iterable[str], tasks: Iterable[str]
+) -> dict[str, ParameterSpec]:
+    """Return the parameters of controllers, and of what tasks have beside those of all."""
+    groups: dict[str, type[Parameters]] = {}
+    for controller in controllers:
+        groups |= controller_groups(controller)
+        for task in tasks:
+            if TASKS[task].is_for(controller):
+                groups |= TASKS[task].groups(controller)
     return {
         f'{group}.{spec.name}': dataclasses.replace(spec, name=f'{group}.{spec.name}')
         for group, cls in groups.items()

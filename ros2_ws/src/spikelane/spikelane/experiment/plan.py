@@ -120,7 +120,7 @@ class _Planner:
                 place.scenario,
                 place.seed,
                 block.transport,
-                _parameters(block, labels, controller),
+                _parameters(block, labels, task, controller),
                 course,
             )
             run = self._run(block, task, point, labels, before)
@@ -132,7 +132,7 @@ class _Planner:
     def _before(self, block: Block, task: str, controller: str, place: _Place) -> Run | None:
         """Return the run whose checkpoint another takes: of its block, else of any before it."""
         labels = dict(place.labels)
-        if f'{controller}.checkpoint' in _parameters(block, labels, controller):
+        if f'{controller}.checkpoint' in _parameters(block, labels, task, controller):
             return None
         needs = TASKS[task].needs(controller)
         for where, need in itertools.product((place, _anywhere(block, place)), needs):
@@ -192,13 +192,15 @@ def _anywhere(block: Block, place: _Place) -> _Place:
     return place._replace(block=None, labels=meanings)
 
 
-def _parameters(block: Block, labels: Mapping[str, str], controller: str) -> dict[str, Any]:
-    """Return what the names on the axes stand for; later axes win."""
+def _parameters(
+    block: Block, labels: Mapping[str, str], task: str, controller: str
+) -> dict[str, Any]:
+    """Return what the names on the axes stand for, as far as it concerns a run; later axes win."""
     found: dict[str, Any] = {}
     for axis, name in labels.items():
         if axis != 'courses':
             found |= block.conditions[name] if axis == 'conditions' else block.axes[axis][name]
-    own = ('simulator.', f'{controller}.')
+    own = tuple(f'{group}.' for group in TASKS[task].groups(controller))
     return {name: value for name, value in found.items() if name.startswith(own)}
 
 

@@ -17,10 +17,21 @@ from spikelane.evaluation import make_config as make_evaluate_config
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_train_config
 from spikelane.training import report_training, train, TrainConfig
+from spikelane.transfer import (
+    configure_transfer,
+    report_transfer,
+    STATES,
+    transfer,
+    TransferConfig,
+)
+from spikelane.transfer import make_config as make_transfer_config
 from spikelane.transport import over_ros
+from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class
+from spikelane_controllers.transfer import TransferParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.simulator import SimulatorParameters
 
 #: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
 FROM_RUN = '(of the run before)'
@@ -57,6 +68,8 @@ class Task(NamedTuple):
     options: type[Parameters]  # what the file may say of it
     is_of_conditions: bool  # whether there is a run for each course and condition
     is_for: Callable[[str], bool]  # whether a controller takes part
+    # Of a controller: groups of parameters that concern its run.
+    groups: Callable[[str], Mapping[str, type[Parameters]]]
     needs: Callable[[str], Sequence[Need]]  # of a controller: the first that is planned is taken
     must_have_need: bool  # whether it cannot do without
     # Of options and the checkpoint taken: a folder, or FROM_RUN; None where none is.
@@ -70,6 +83,19 @@ class TrainOptions(Parameters):
 
     steps: int = parameter(
         0, 'How long, as --steps of `spikelane train`; 0: as long as usual.', low=0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferOptions(Parameters):
+    """How a policy is transferred."""
+
+    states: int = parameter(
+        GatheringParameters.states, 'States to gather by driving with the trained policy.', low=1
+    )
+    steps: int = parameter(TransferParameters.steps, 'Training steps.', low=1)
+    from_training: bool = parameter(
+        True, "Whether the states of the deep Q-network's training are used too."
     )
 
 
@@ -117,6 +143,34 @@ def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[s
     return report_training(config, training, folder, wall_time_s)
 
 
+def _configure_transfer(
+    point: Point, options: TransferOptions, checkpoint: str | None
+) -> TransferConfig:
+    parameters = {
+        'gathering.states': options.states,
+        'transfer.steps': options.steps,
+        **point.parameters,
+    }
+    assert checkpoint is not None  # it must have its need
+    # While runs are planned there is nothing to be found at that place.
+    make = configure_transfer if checkpoint == FROM_RUN else make_transfer_config
+    return make(point.scenario, checkpoint, point.seed, parameters, options.from_training)
+
+
+def _transfer(config: TransferConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
+    per_state = config.gathering.decision.steps_per_action
+    gathering = config.gathering.states * per_state
+    whole = gathering + config.transfer.steps
+
+    def show_stage(what: str, done: int, of: int) -> None:
+        del of
+        # Steps of the simulator, then of the network's training.
+        steps = done * per_state if what == STATES else gathering + done
+        show(steps, steps / whole)
+
+    return report_transfer(config, transfer(config, show_stage), folder)
+
+
 def _configure_evaluation(
     point: Point, options: EvaluateOptions, checkpoint: str | None
 ) -> EvaluateConfig:
@@ -135,9 +189,24 @@ def _configure_evaluation(
     )
 
 
+def _groups_of_transfer(controller: str) -> Mapping[str, type[Parameters]]:
+    del controller
+    return {
+        'simulator': SimulatorParameters,
+        'gathering': GatheringParameters,
+        'transfer': TransferParameters,
+    }
+
+
 def _learns(controller: str) -> bool:
     names = {spec.name for spec in controller_class(controller).parameters_class.specs()}
     return 'learning' in names
+
+
+def controller_groups(controller: str) -> Mapping[str, type[Parameters]]:
+    """Return the groups of parameters that there are where a controller drives."""
+    own = controller_class(controller).parameters_class
+    return {'simulator': SimulatorParameters, controller: own}
 
 
 TASKS: Mapping[str, Task] = {
@@ -145,17 +214,29 @@ TASKS: Mapping[str, Task] = {
         options=TrainOptions,
         is_of_conditions=False,
         is_for=_learns,
+        groups=controller_groups,
         needs=lambda controller: (),
         must_have_need=False,
         configure=_configure_training,
         run=_train,
     ),
+    'transfer': Task(
+        options=TransferOptions,
+        is_of_conditions=False,
+        is_for=lambda controller: controller == 'dqn_snn',
+        groups=_groups_of_transfer,
+        needs=lambda controller: (Need('train', 'dqn'),),
+        must_have_need=True,
+        configure=_configure_transfer,
+        run=_transfer,
+    ),
     'evaluate': Task(
         options=EvaluateOptions,
         is_of_conditions=True,
         is_for=lambda controller: True,
-        # Where it is not trained in the experiment, it drives with the weights shipped.
-        needs=lambda controller: (Need('train', controller),),
+        groups=controller_groups,
+        # Where neither is in the experiment, it drives with the weights shipped.
+        needs=lambda controller: (Need('train', controller), Need('transfer', controller)),
         must_have_need=False,
         configure=_configure_evaluation,
         run=evaluate,
