@@ -8,7 +8,11 @@ setup(
     name='spikelane',
     version='0.1.0',
     packages=find_packages(),
-    package_data={'spikelane': ['py.typed'], 'spikelane.report': ['page.html']},
+    package_data={
+        'spikelane': ['py.typed'],
+        'spikelane.experiment': ['*.yaml'],
+        'spikelane.report': ['page.html'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane']),
         ('share/spikelane', ['package.xml']),

@@ -21,6 +21,7 @@ COMMANDS = {
     'replay': 'let a controller answer a recorded drive, and compare',
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'do all runs that a file describes',
+    'reproduce': 'do everything the paper reports, and report on it',
     'report': 'write one page on many runs, against the paper',
     'view': 'show in the browser what a robot does',
     'node': 'run one node of the graph',

@@ -20,17 +20,18 @@ _TEMPLATE = 'page.html'
 _KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
 
 
-def write_report(paths: Sequence[Path], out: Path, show: Show) -> dict[str, Any]:
+def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -> dict[str, Any]:
     """Write a report on all runs in some folders.
 
     Args:
         paths: Folders of runs, or above them.
         out: Folder of the report: `report.html`, `report.json` with its tables, `figures/`.
         show: Told what is being done.
+        note: What readers must know first, '' for nothing.
 
     Returns:
-        Where everything is, ready for JSON: `page`, `runs` (how many), `tables` (as written into
-        `report.json`), `figures` and `left_out`.
+        Where everything is, ready for JSON: `page`, `note`, `runs` (how many), `tables` (as
+        written into `report.json`), `figures` and `left_out`.
 
     Raises:
         ReportError: There is nothing to report on.
@@ -42,9 +43,10 @@ def write_report(paths: Sequence[Path], out: Path, show: Show) -> dict[str, Any]
     figures, not_drawn = draw_figures(runs, out / 'figures', show)
     left_out = [*runs.left_out, *not_drawn]
     command = shlex.join(['./spikelane', 'report', *map(str, paths)])
-    write_text_atomically(out / PAGE, _page(runs, tables, figures, left_out, command))
+    write_text_atomically(out / PAGE, _page(runs, tables, figures, left_out, command, note))
     result = {
         'page': str(out / PAGE),
+        'note': note,
         'runs': len(runs),
         'tables': [table._asdict() for table in tables],
         'figures': [str(file) for figure in figures for file in figure.files],
@@ -60,6 +62,7 @@ def _page(
     figures: Sequence[Drawn],
     left_out: Sequence[LeftOut],
     command: str,
+    note: str,
 ) -> str:
     import jinja2
 
@@ -79,6 +82,7 @@ def _page(
         parts=parts,
         left_out=left_out,
         command=command,
+        note=note,
         versions=_versions(runs),
     )
 

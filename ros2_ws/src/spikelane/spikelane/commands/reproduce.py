@@ -1,0 +1,103 @@
+"""`spikelane reproduce`: everything the paper reports, from trainings to a page of results."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from spikelane.commands.experiment import (
+    check_jobs,
+    do_plan,
+    is_finished,
+    local_engine,
+    RETRIES,
+    summary,
+)
+import spikelane.experiment
+from spikelane.experiment.file import read_experiment, with_seeds
+from spikelane.experiment.plan import make_plan
+from spikelane_sim.errors import ParameterError
+
+#: Of the experiments' files, beside the code that does them.
+PAPER, QUICK = 'paper', 'paper_quick'
+
+#: In the experiment's folder.
+REPORT = 'report'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument(
+        '--seeds',
+        type=int,
+        help='seeds of each training and evaluation, from 0 (default: 3; with --quick 1)',
+    )
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='a look in minutes: kinematic robot, one seed, shorter trainings; no reproduction',
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help=f'folder of the runs and of {REPORT}/, new or to be gone on with '
+        f'(default: runs/{PAPER}; with --quick runs/{QUICK})',
+    )
+    parser.add_argument(
+        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do all runs that are not done yet, then report on them.
+
+    Returns:
+        0 where all runs are finished, 1 where one failed.
+
+    Raises:
+        SpikelaneError: An option is wrong, or the folder is in use or cannot be written.
+    """
+    check_jobs(options.jobs)
+    if options.seeds is not None and options.seeds < 1:
+        raise ParameterError(
+            f'--seeds: expected a whole number of at least 1, got {options.seeds}'
+        )
+    record = read_experiment(experiment_file(QUICK if options.quick else PAPER))
+    if options.seeds is not None:
+        record = with_seeds(record, options.seeds)
+    plan = make_plan(record)
+    root: Path = options.out or Path('runs') / plan.name
+    results = do_plan(plan, root, lambda: local_engine(options.jobs), RETRIES, options.json)
+    if not options.json:
+        print(summary(results, root))
+    # Where nothing came of any run there is nothing to report on, and why has been said.
+    report = _report(root, record.description, options.json) if results['groups'] else None
+    if options.json:
+        print(json.dumps({**results, 'folder': str(root), 'report': report}))
+    elif report is not None:
+        print(f'report in {report["page"]}')
+    return 0 if is_finished(results) else 1
+
+
+def experiment_file(name: str) -> Path:
+    """Return the file of an experiment that comes along."""
+    (folder,) = spikelane.experiment.__path__
+    return Path(folder) / f'{name}.yaml'
+
+
+def _report(root: Path, note: str, is_quiet: bool) -> dict[str, Any]:
+    # Here and not above: the figures take their time to be imported.
+    from spikelane.report.page import write_report
+
+    def show(what: str) -> None:
+        if not is_quiet and sys.stderr.isatty():
+            print(f'\r\x1b[K{what}', end='', file=sys.stderr, flush=True)
+
+    result = write_report([root], root / REPORT, show, note)
+    show('\r')
+    return result
