@@ -59,6 +59,24 @@ def test_the_time_left_counts_runs_like_those_that_run(runner: Runner) -> None:
     assert time_left_s(runner, 2) == pytest.approx(55.0)
 
 
+def test_the_time_left_counts_runs_like_those_that_are_done(runner: Runner) -> None:
+    """100 s and the 40 s of the one at work: 30 s of it, and 70 s each of two others."""
+    runner.statuses['train-rstdp-1-seed0'].took_s = 100.0
+    assert time_left_s(runner, 1) == pytest.approx(170.0)
+
+
+def test_runs_of_another_controller_tell_nothing(tmp_path: Path, runner: Runner) -> None:
+    """Theirs can be many times as long."""
+    file = tmp_path / 'both.yaml'
+    file.write_text(f'name: both\nmatrix: {MATRIX.replace("[rstdp]", "[rstdp, dqn]")}')
+    both = Runner(make_plan(read_experiment(file)), tmp_path / 'out', 0)
+    both.statuses |= runner.statuses
+    assert time_left_s(both, 2) is None
+    for name in range(5):
+        both.statuses[f'train-dqn-1-seed{name}'].state = State.DONE
+    assert time_left_s(both, 2) == pytest.approx(55.0)
+
+
 def test_nothing_is_estimated_from_nothing(runner: Runner) -> None:
     """Before a run has said anything twice."""
     for status in runner.statuses.values():

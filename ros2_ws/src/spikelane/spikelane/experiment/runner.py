@@ -57,22 +57,26 @@ class Status:
         state: Where it stands.
         folder: Its own; None before it is begun.
         is_begun: Whether an earlier process has left something to go on with.
+        is_continued: Whether the one at work, or the last one, went on with that.
         attempts: Processes started.
         message: Why it failed, '' where it did not.
         started_s: When its process was started, by the monotonic clock [s].
         first: What it said of its progress first, and when [s].
         last: What it said last, and when [s].
+        took_s: Time in which one process did all of it [s], None where none has.
     """
 
     run: Run
     state: State = State.WAITING
     folder: RunFolder | None = None
     is_begun: bool = False
+    is_continued: bool = False
     attempts: int = 0
     message: str = ''
     started_s: float = 0.0
     first: tuple[float, Progress] | None = None
     last: tuple[float, Progress] | None = None
+    took_s: float | None = None
 
     @property
     def steps_per_s(self) -> float | None:
@@ -204,7 +208,7 @@ class Runner:
         status.started_s = time.monotonic()
         status.first = status.last = None
         self._log('start', status, attempt=status.attempts, is_continued=status.is_begun)
-        status.is_begun = True
+        status.is_continued, status.is_begun = status.is_begun, True
         engine.start(status.run.name, status.folder.path)
 
     def _end(self, ended: Ended) -> None:
@@ -214,6 +218,7 @@ class Runner:
         assert status.folder is not None  # it was started
         if ended.status == 0 and status.folder.metrics.exists():
             status.state = State.DONE
+            status.took_s = None if status.is_continued else wall_time_s
             self._log('done', status, wall_time_s=wall_time_s)
         elif ended.status < 0 and status.attempts <= self._retries:
             status.state = State.WAITING

@@ -70,23 +70,26 @@ def render(runner: Runner, slots: int) -> Group:
 
 
 def time_left_s(runner: Runner, slots: int) -> float | None:
-    """Estimate how long all will take [s]: a run of unknown speed like those of its task.
+    """Estimate how long all will take [s]: a run of unknown speed like those of its kind.
 
-    None where no run of the same task has told its speed.
+    Of a kind are runs of the same task and controller. None where the speed of none is known.
     """
-    whole_s: dict[str, list[float]] = {}
+    whole_s: dict[tuple[str, str], list[float]] = {}
     known_s: list[float] = []
-    unknown: list[str] = []
+    unknown: list[tuple[str, str]] = []
     for status in runner.statuses.values():
-        if status.state is State.RUNNING and status.left_s is not None and status.last:
+        kind = status.run.task, status.run.point.controller
+        if status.took_s is not None:
+            whole_s.setdefault(kind, []).append(status.took_s)
+        elif status.state is State.RUNNING and status.left_s is not None and status.last:
             known_s.append(status.left_s)
             if (rest := 1.0 - status.last[1].share) > 0:
-                whole_s.setdefault(status.run.task, []).append(status.left_s / rest)
+                whole_s.setdefault(kind, []).append(status.left_s / rest)
         elif status.state in (State.RUNNING, State.WAITING):
-            unknown.append(status.run.task)
+            unknown.append(kind)
     if not known_s or not set(unknown) <= set(whole_s):
         return None
-    guessed_s = [sum(whole_s[task]) / len(whole_s[task]) for task in unknown]
+    guessed_s = [sum(whole_s[kind]) / len(whole_s[kind]) for kind in unknown]
     return (sum(known_s) + sum(guessed_s)) / slots
 
 
