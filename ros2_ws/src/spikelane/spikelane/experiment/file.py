@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.experiment.tasks import TASKS
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.course import available_courses, load_course, scenario_course
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import Parameters, ParameterSpec
@@ -103,7 +103,7 @@ def read_experiment(path: Path) -> ExperimentRecord:
 
 def _read_block(value: YamlValue) -> Block:
     fields = value.fields(_REQUIRED, _OPTIONAL)
-    controllers = tuple(each.choice(*CONTROLLERS) for each in _some(fields['controllers']))
+    controllers = tuple(each.choice(*controller_names()) for each in _some(fields['controllers']))
     specs = _known_parameters(controllers)
     axes = {
         name: _read_axis(fields[name], prefix, bare, specs)

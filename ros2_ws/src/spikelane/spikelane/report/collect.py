@@ -19,7 +19,7 @@ from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.training import Termination
 from spikelane_controllers.transfer import TransferParameters
 from spikelane_controllers.weights import find_checkpoint
@@ -261,7 +261,7 @@ def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
 
 def _training_of_checkpoint(folder: Path) -> TrainingRun:
     """Return a training of which only its checkpoint was kept."""
-    for name in CONTROLLERS:
+    for name in controller_names():
         try:
             facts = read_checkpoint(folder, name).facts
         except CheckpointError:
@@ -350,7 +350,8 @@ def _defaults(group: str) -> dict[str, Any] | None:
         'gathering': GatheringParameters,
         'transfer': TransferParameters,
     }
-    cls = controller_class(group).parameters_class if group in CONTROLLERS else others.get(group)
+    is_controller = group in controller_names()
+    cls = controller_class(group).parameters_class if is_controller else others.get(group)
     if cls is None:
         return None
     plain: dict[str, Any] = json.loads(json.dumps(cls().to_dict(), default=list))
