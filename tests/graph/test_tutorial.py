@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 import re
@@ -31,26 +32,53 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_commands_do_what_the_tutorial_says(tmp_path: Path) -> None:
-    """Each ends well, but for laps that are cut short; a replay agrees with its drive."""
-    (experiment,) = re.findall(r'^```yaml\n(.*?)^```', TUTORIAL, re.M | re.S)
-    (tmp_path / 'robustness.yaml').write_text(experiment, encoding='utf-8')
+def follow(block: str, folder: Path) -> dict[str, str]:
+    """Run the commands of a block in a folder; return what each said.
+
+    They must end well, but for laps that are cut short.
+    """
     said = {}
-    for line in ''.join(BLOCKS).splitlines():
+    for line in block.splitlines():
         command, *arguments = shlex.split(line, comments=True)
         assert command == './spikelane'
-        ended = run(tmp_path, '-m', 'spikelane.main', *arguments)
+        ended = run(folder, '-m', 'spikelane.main', *arguments)
         is_short = arguments[0] == 'lap' and 'max_steps' in line
         assert ended.returncode == int(is_short), f'{line}\n{ended.stderr}'
         said[line] = ended.stdout
-    assert len(said) == 8
-    lap, *_ = said.values()
-    assert re.search(r'^lap completed +yes', lap, re.M)
-    replayed = said['./spikelane replay runs/short/bag']
-    assert re.search(r'^agreement +100\.0000%, 20[01] of 20[01] answers$', replayed, re.M)
-    for name in ('config.yaml', 'bag', 'trajectory.csv', 'metrics.json', 'figures', 'logs'):
+    return said
+
+
+def test_a_first_lap_is_completed(tmp_path: Path) -> None:
+    """With one command."""
+    (said,) = follow(BLOCKS[0], tmp_path).values()
+    assert re.search(r'^lap completed +yes', said, re.M)
+
+
+def test_what_is_learnt_goes_on_and_drives(tmp_path: Path) -> None:
+    """Two trainings in one folder, then a lap."""
+    first, second, lap = follow(BLOCKS[1], tmp_path).values()
+    assert re.search(r'^steps +1000$', first, re.M)
+    assert re.search(r'^steps +2000$', second, re.M)
+    assert re.search(r'^steps +100,', lap, re.M)
+
+
+def test_the_experiment_is_listed(tmp_path: Path) -> None:
+    """Trainings of 10 seeds in 2 scenarios, evaluations of 2 controllers in 2 conditions."""
+    (experiment,) = re.findall(r'^```yaml\n(.*?)^```', TUTORIAL, re.M | re.S)
+    (tmp_path / 'robustness.yaml').write_text(experiment, encoding='utf-8')
+    (said,) = follow(BLOCKS[2], tmp_path).values()
+    assert said.count('to do') >= 20 + 80
+
+
+def test_a_drive_is_replayed(tmp_path: Path) -> None:
+    """What drove agrees wholly, another controller does not; the folder is as described."""
+    _, same, other = follow(BLOCKS[3], tmp_path).values()
+    assert re.search(r'^agreement +100\.0000%, 20[01] of 20[01] answers$', same, re.M)
+    assert json.loads(other)['agreement'] < 1.0
+    described = re.findall(r'^\| (`.*?) \|', TUTORIAL.partition('## See it')[0], re.M)
+    for name in re.findall(r'`([\w./]+)`', ' '.join(described)):
         assert (tmp_path / 'runs/short' / name).exists()
-    assert (tmp_path / 'runs/short/parameters.yaml').exists()
+    assert len(described) == 4
 
 
 @pytest.mark.parametrize('program', PYTHON)
