@@ -10,10 +10,11 @@ from pathlib import Path
 import sys
 from typing import Any, NamedTuple
 
+from tables import print_row, read_json, spread
+
 from spikelane.figures.weights import weights_correlation
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.weights import WEIGHTS
-from tables import print_row, read_json, spread
 
 LANES = ('outer', 'inner')
 SETTINGS = {
