@@ -64,8 +64,15 @@ def split(line: str) -> Iterator[str]:
     yield from words
 
 
+def called(line: Line) -> tuple[str, ...]:
+    """Return the arguments of a `spikelane` command; none for another's."""
+    if line.words[:4] == ('ros2', 'run', 'spikelane', 'spikelane'):
+        return line.words[4:]
+    return line.words[1:] if line.words[0].endswith('spikelane') else ()
+
+
 COMMANDS = list(dict.fromkeys(commands()))
-OURS = [line for line in COMMANDS if line.words[0].endswith('spikelane')]
+OURS = [line for line in COMMANDS if called(line)]
 
 
 @pytest.fixture(autouse=True)
@@ -122,7 +129,7 @@ def test_the_commands_are_found() -> None:
 @pytest.mark.parametrize('line', OURS, ids=named)
 def test_a_spikelane_command_is_understood(line: Line) -> None:
     """By its own parser; parameters are known and allowed, nodes and experiments there."""
-    arguments = line.words[1:]
+    arguments = called(line)
     options = _parser(arguments).parse_args(arguments)
     assert options.command == arguments[0]
     if options.command == 'node':
