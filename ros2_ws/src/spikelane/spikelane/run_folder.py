@@ -122,7 +122,7 @@ class RunFolder:
         return self.path / 'figures'
 
     def write_config(self, values: Mapping[str, Any]) -> None:
-        """Write `config.yaml`: the values, then the versions and machine that compute with them."""
+        """Write `config.yaml`: the values, then what computes with them (`versions`)."""
         write_yaml(self.config, {**values, 'versions': versions()})
 
     def check_config(self, values: Mapping[str, Any]) -> None:

@@ -343,6 +343,9 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
+    for name in ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates'):
+        if name not in metrics:
+            raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
     return TransferRun(
         controller='dqn_snn',
         scenario=_scenario(config),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import functools
 import math
 from pathlib import Path
+import textwrap
 from types import SimpleNamespace
 from typing import Any, cast, NamedTuple
 import zlib
@@ -49,7 +50,7 @@ _MOST_OTHER_COURSES = 3
 PAPER_SCENARIOS = ('1', '2', '3')
 
 #: Letters of a setting that there is room for.
-_ROW_LETTERS, _BAR_LETTERS, _FILE_LETTERS = 100, 40, 60
+_ROW_LETTERS, _BAR_LETTERS, _BAR_LINES, _FILE_LETTERS = 100, 44, 2, 60
 
 
 class Drawn(NamedTuple):
@@ -541,7 +542,15 @@ def _label(lap: Lap) -> str:
 def _short(key: Key) -> str:
     """Return a group in words that fit beside its bar in a figure."""
     name = f'{shown_name(key.controller)}, scenario {key.scenario}'
-    return f'{name}\n{_cut(key.setting, _BAR_LETTERS)}' if key.setting else name
+    return '\n'.join([name, *_wrapped(key.setting)])
+
+
+def _wrapped(setting: str) -> list[str]:
+    """Return a setting in the lines that there is room for beside a bar."""
+    lines = textwrap.wrap(setting, _BAR_LETTERS)
+    if len(lines) <= _BAR_LINES:
+        return lines
+    return [*lines[: _BAR_LINES - 1], _cut(' '.join(lines[_BAR_LINES - 1 :]), _BAR_LETTERS)]
 
 
 def _cut(text: str, letters: int) -> str:

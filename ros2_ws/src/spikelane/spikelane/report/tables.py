@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import re
 from typing import Any, NamedTuple, TypeVar
 
 from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
@@ -92,10 +93,12 @@ def shown_name(controller: str) -> str:
     return _NAMES.get(controller, controller)
 
 
-def _place(key: Key) -> tuple[str, int, str, str]:
-    """Return what groups are sorted by."""
+def _place(key: Key) -> tuple[str, int, str, list[tuple[float, str]]]:
+    """Return what groups are sorted by; numbers in a setting by their value."""
     known = ORDER.index(key.controller) if key.controller in ORDER else len(ORDER)
-    return key.scenario, known, key.controller, key.setting
+    parts = re.split(r'(\d+(?:\.\d+)?)', key.setting)
+    setting = [(float(part), '') if part[:1].isdigit() else (-1.0, part) for part in parts]
+    return key.scenario, known, key.controller, setting
 
 
 R = TypeVar('R', bound=Any)
