@@ -65,6 +65,20 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     assert lap.setting == 'robot.model kinematic; camera.antialias True; poisson.max_rate_hz 400.0'
 
 
+def test_a_learning_rate_is_part_of_a_setting(tmp_path: Path) -> None:
+    """Though whether a controller learns is not."""
+    folder = tmp_path / 'transfer'
+    folder.mkdir()
+    config = {'scenario': '1', 'seed': 0, 'transfer': {'learning_rate': 0.001}}
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+    names = ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates')
+    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1)))
+    write_lap(tmp_path / 'lap', controller='rstdp', rstdp={'learning': True})
+    found = collect([tmp_path])
+    assert [run.setting for run in found.transfers] == ['learning_rate 0.001']
+    assert [run.setting for run in found.laps] == ['']
+
+
 def test_weights_learnt_otherwise_are_another_setting(tmp_path: Path) -> None:
     """Laps with them are not laid together with the others."""
     weights = write_training(tmp_path / 'training', 0, [], rstdp={'c_r': 0.03})
@@ -102,9 +116,9 @@ def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None
         for n, reason in enumerate(names, 1)
     ]
     [run] = collect([write_training(tmp_path / '0', 0, ends)]).trainings
-    assert run.solved_episode == 2
+    assert (run.solved_episode, run.solved_step) == (2, 4000)
     [never] = collect([write_training(tmp_path / '1', 0, ends[:3])]).trainings
-    assert never.solved_episode is None
+    assert (never.solved_episode, never.solved_step) == (None, None)
 
 
 def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
@@ -126,6 +140,17 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
         str(tmp_path / 'c'),
         str(tmp_path / 'd'),
     ]
+
+
+def test_an_unfinished_training_says_how_far_it_is(tmp_path: Path) -> None:
+    """By its checkpoint; it is in no table, as it would be a training of fewer steps."""
+    folder = write_training(tmp_path / 'a', 0, [])
+    config = {'scenario': '2', 'controller': 'rstdp', 'seed': 0, 'training': {'steps': 20_000}}
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+    write_lap(tmp_path / 'b')
+    found = collect([tmp_path])
+    why = 'not finished: no metrics.json, at step 9,000 of 20,000'
+    assert (found.trainings, found.left_out) == ([], [LeftOut(str(folder), why)])
 
 
 def test_a_copy_of_a_run_counts_once(tmp_path: Path) -> None:

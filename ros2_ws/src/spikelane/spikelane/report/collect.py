@@ -32,7 +32,8 @@ from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 from spikelane_sim.simulator import SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
-_NO_VARIANT = ('course', 'episode.', 'learning', 'checkpoint', 'q_learning.device')
+_NO_VARIANT = ('course', 'learning', 'checkpoint', 'q_learning.device')
+_NO_VARIANT_GROUP = 'episode.'
 _RESULTS_FILE = 'results.json'
 
 #: Stands for the scenario of laps on one of many random courses.
@@ -115,6 +116,12 @@ class TrainingRun(_Run):
         """Number of the first of three episodes in a row, on both lanes, of full length."""
         index = first_solved(list(self.terminations))
         return None if index is None else index + 1
+
+    @property
+    def solved_step(self) -> int | None:
+        """Step by which these three episodes have ended, as the controller's training counts."""
+        first = self.solved_episode
+        return None if first is None else self.terminations[first + 1].step
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,7 +220,7 @@ def _outcome(run: Lap | TrainingRun | TransferRun) -> str:
     """Return what two runs that are not copies of one differ in."""
     parts: list[Any] = [run.controller, run.scenario, run.setting, run.seed]
     if isinstance(run, Lap):
-        names = ('course', 'steps', 'mean_abs_distance_m', 'max_abs_distance_m')
+        names = ('steps', 'mean_abs_distance_m', 'max_abs_distance_m')
         parts += [run.lane, run.config['scenario'], *(run.metrics.get(name) for name in names)]
     elif isinstance(run, TrainingRun):
         parts += [run.steps, run.terminations, run.outcomes]
@@ -261,7 +268,7 @@ def _add_run(runs: Runs, folder: Path) -> None:
     if not isinstance(config, Mapping):
         raise FileError('config.yaml: expected names and values')
     if not (folder / 'metrics.json').exists():
-        raise FileError('not finished: no metrics.json')
+        raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
     metrics = RunFolder(folder).read_metrics()
     if 'transfer' not in config:
         controller_class(str(config.get('controller')))  # that there is one
@@ -275,6 +282,16 @@ def _add_run(runs: Runs, folder: Path) -> None:
         runs.laps.append(_lap(folder, config, metrics, config['lane'], config['seed']))
     else:
         raise FileError('config.yaml: expected a lap, an evaluation, a training or a transfer')
+
+
+def _how_far(folder: Path, config: Mapping[str, Any]) -> str:
+    """Say how far a training is that is not finished, where its checkpoint tells."""
+    steps = config.get('training', {}).get('steps')
+    try:
+        done = read_checkpoint(folder, str(config.get('controller'))).facts.get('steps')
+    except CheckpointError:
+        return ''
+    return '' if steps is None or done is None else f', at step {done:,} of {steps:,}'
 
 
 def _lap(
@@ -419,7 +436,7 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
     for group, values in config.items():
         if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
             for name, value in usual.items():
-                counts = not name.startswith(_NO_VARIANT)
+                counts = name not in _NO_VARIANT and not name.startswith(_NO_VARIANT_GROUP)
                 if counts and name in values and values[name] != value:
                     found[name] = values[name]
     return found

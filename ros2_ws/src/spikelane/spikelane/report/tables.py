@@ -52,6 +52,7 @@ def _percent(value: float) -> str:
 MEASURES = {
     'last_lane_loss_step': Measure('step of the last lane loss of those that settled', _count),
     'solved_episode': Measure('first of three full episodes in a row', _count),
+    'solved_step': Measure('action step at the end of these three', _count),
     'accuracy': Measure("accuracy on the policy's states", _percent),
     'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', _metres),
     'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', _count),
@@ -162,6 +163,7 @@ def _values(runs: Runs) -> dict[str, dict[Key, list[tuple[int, float | None]]]]:
         'lap_steps': _of(laps, lap_steps),
         'last_lane_loss_step': _of(plastic, _if_settled),
         'solved_episode': _of(deep, lambda run: run.solved_episode),
+        'solved_step': _of(deep, lambda run: run.solved_step),
         'accuracy': _of(transfers, lambda run: float(run.metrics['accuracy'])),
     }
 
