@@ -96,3 +96,5 @@ def test_settings_and_courses_without_room_are_named(tmp_path: Path) -> None:
     assert LeftOut('Deviation on d', "3 courses beside the paper's are drawn") in named
     why = 'each lap is on a course of its own'
     assert LeftOut('Deviation on random courses', why) in named
+    why = 'counted of laps driven in one process, of which none is among these'
+    assert LeftOut('Operations for a decision', why) in named

@@ -402,6 +402,9 @@ def _missing(runs: Runs) -> Iterator[LeftOut]:
     for scenario in ('1', '2'):
         if not any(run.scenario == scenario for run in runs.transfers):
             yield LeftOut(f'Transfer to DQN-SNN, scenario {scenario}', 'no run among these')
+    if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
+        why = 'counted of laps driven in one process, of which none is among these'
+        yield LeftOut('Operations for a decision', why)
     yield from _not_compared(runs.laps)
     if not runs.laps:
         yield LeftOut('State input and animation of a lap', 'no lap among these runs')
