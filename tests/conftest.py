@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+import subprocess
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -239,3 +241,40 @@ def bag_of(
         return drives.write(tmp_path_factory.mktemp('drive') / 'bag', said, **options)
 
     return write
+
+
+@pytest.fixture(scope='session')
+def shown_at() -> Callable[[str, Path], dict[str, dict[str, dict[int, Any]]]]:
+    """Give what asks a viewer's server what it has been sent, with a file to keep it in."""
+    return _shown_at
+
+
+def _shown_at(address: str, file: Path) -> dict[str, dict[str, dict[int, Any]]]:
+    """Return what Rerun's own client is sent: values by entity, component and time [ns]."""
+    # Here and not above: most tests need no Rerun.
+    from rerun.recording import load_recording
+
+    from spikelane.viewer.server import rerun_program
+
+    command = [str(rerun_program()), address, '--save', str(file), '--bind', '127.0.0.1']
+    client = subprocess.Popen([*command, '--port', 'auto'], stderr=subprocess.DEVNULL)
+    size, since_s, deadline_s = -1, time.monotonic(), time.monotonic() + 60
+    while time.monotonic() < min(since_s + 3, deadline_s):  # until nothing has come for a while
+        now = file.stat().st_size if file.exists() else -1
+        if now != size or now <= 0:
+            size, since_s = now, time.monotonic()
+        time.sleep(0.1)
+    client.terminate()
+    client.wait()
+    found: dict[str, dict[str, dict[int, Any]]] = {}
+    for chunk in load_recording(file).chunks():
+        batch = chunk.to_record_batch()
+        times = [0] * batch.num_rows
+        if not chunk.is_static:
+            times = batch.column('simulation').to_numpy(zero_copy_only=False).astype(int).tolist()
+        for name in batch.schema.names:
+            if ':' in name:
+                values = zip(times, batch.column(name).to_pylist(), strict=True)
+                entity = found.setdefault(chunk.entity_path, {})
+                entity.setdefault(name, {}).update(values)
+    return found

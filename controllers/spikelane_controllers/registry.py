@@ -1,10 +1,17 @@
-"""The controllers by name, each imported when asked for, so that nobody waits for torch."""
+"""The controllers by name, each imported when asked for, so that nobody waits for torch.
+
+Other packages add theirs by entry points: `spikelane.controllers` names the class of a controller,
+`spikelane.trainings`, under the same name, the class of its training.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+import functools
 import importlib
-from typing import Any, cast, ClassVar, Protocol, TYPE_CHECKING
+from importlib.metadata import entry_points
+import re
+from typing import Any, cast, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
 
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
@@ -13,7 +20,7 @@ from spikelane_sim.parameters import Parameters
 if TYPE_CHECKING:
     from spikelane_controllers.training import Training
 
-#: Name of a controller: module and class that implement it.
+#: Name of a controller of this package: module and class that implement it.
 CONTROLLERS: Mapping[str, tuple[str, str]] = {
     'braitenberg': ('spikelane_controllers.braitenberg', 'Braitenberg'),
     'rstdp': ('spikelane_controllers.rstdp', 'RStdp'),
@@ -21,11 +28,19 @@ CONTROLLERS: Mapping[str, tuple[str, str]] = {
     'dqn_snn': ('spikelane_controllers.dqn_snn', 'DqnSnn'),
 }
 
-#: Name of a controller that learns by driving: module and class of its training.
+#: Name of one that learns by driving: module and class of its training.
 TRAININGS: Mapping[str, tuple[str, str]] = {
     'rstdp': ('spikelane_controllers.training', 'PlasticTraining'),
     'dqn': ('spikelane_controllers.dqn_training', 'DqnTraining'),
 }
+
+#: Groups of the entry points by which other packages add to these.
+CONTROLLER_GROUP = 'spikelane.controllers'
+TRAINING_GROUP = 'spikelane.trainings'
+
+_PACKAGE = 'spikelane_controllers'
+#: What names a node, a group of parameters and a folder alike.
+_NAME = re.compile('[a-z][a-z0-9_]*')
 
 
 class ControllerClass(Protocol):
@@ -37,35 +52,65 @@ class ControllerClass(Protocol):
         """Make a controller from parameters of parameters_class."""
 
 
+class _Entry(NamedTuple):
+    """Where something registered is."""
+
+    module: str
+    attribute: str
+    package: str
+
+
+def controller_names() -> tuple[str, ...]:
+    """Return the names of all controllers: this package's, then those of others.
+
+    Raises:
+        ParameterError: Another package's cannot have its name.
+    """
+    return tuple(_entries(CONTROLLER_GROUP))
+
+
+def training_names() -> tuple[str, ...]:
+    """Return the names of all controllers that learn by driving.
+
+    Raises:
+        ParameterError: Another package's cannot have its name.
+    """
+    return tuple(_entries(TRAINING_GROUP))
+
+
+def controller_packages() -> dict[str, str]:
+    """Return the ROS package of every controller, which has its node.
+
+    Raises:
+        ParameterError: Another package's cannot have its name.
+    """
+    return {name: entry.package for name, entry in _entries(CONTROLLER_GROUP).items()}
+
+
 def controller_class(name: str) -> ControllerClass:
     """Return the class of a controller.
 
     Raises:
-        ParameterError: No controller has this name.
+        ParameterError: No controller has this name, or another package's cannot be imported.
     """
-    if name not in CONTROLLERS:
-        raise ParameterError(f'controller: expected one of {", ".join(CONTROLLERS)}, got {name!r}')
-    module, attribute = CONTROLLERS[name]
-    return cast(ControllerClass, getattr(importlib.import_module(module), attribute))
+    return cast(ControllerClass, _load(CONTROLLER_GROUP, name))
 
 
 def training_class(name: str) -> type[Training]:
     """Return the class of a controller's training.
 
     Raises:
-        ParameterError: No controller that learns has this name.
+        ParameterError: No controller that learns has this name, or another package's training
+            cannot be imported.
     """
-    if name not in TRAININGS:
-        raise ParameterError(f'controller: expected one of {", ".join(TRAININGS)}, got {name!r}')
-    module, attribute = TRAININGS[name]
-    return cast('type[Training]', getattr(importlib.import_module(module), attribute))
+    return cast('type[Training]', _load(TRAINING_GROUP, name))
 
 
 def make_controller(name: str, parameters: Mapping[str, Any] | None = None) -> Controller:
     """Make a controller.
 
     Args:
-        name: One of CONTROLLERS.
+        name: One of `controller_names`.
         parameters: Its parameters under dotted names or nested; what is absent is default.
 
     Raises:
@@ -73,3 +118,36 @@ def make_controller(name: str, parameters: Mapping[str, Any] | None = None) -> C
     """
     cls = controller_class(name)
     return cls(cls.parameters_class.from_mapping(parameters or {}))
+
+
+def _load(group: str, name: str) -> object:
+    own = CONTROLLERS if group == CONTROLLER_GROUP else TRAININGS
+    if name in own:  # found without looking through all packages
+        return getattr(importlib.import_module(own[name][0]), own[name][1])
+    known = _entries(group)
+    if name not in known:
+        raise ParameterError(f'controller: expected one of {", ".join(known)}, got {name!r}')
+    entry = known[name]
+    try:
+        return getattr(importlib.import_module(entry.module), entry.attribute)
+    except (ImportError, AttributeError) as error:
+        raise ParameterError(
+            f'controller {name}: expected {entry.module}:{entry.attribute} as package '
+            f'{entry.package} says, got {error!r}'
+        ) from error
+
+
+@functools.cache
+def _entries(group: str) -> dict[str, _Entry]:
+    """Return what is registered, this package's first, then that of others by name."""
+    own = CONTROLLERS if group == CONTROLLER_GROUP else TRAININGS
+    found = {name: _Entry(*place, _PACKAGE) for name, place in own.items()}
+    for point in sorted(entry_points(group=group), key=lambda point: point.name):
+        package = point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
+        if not _NAME.fullmatch(point.name) or point.name in found:
+            raise ParameterError(
+                f'{group}: expected a name of a-z, 0-9 and _ that no other package has, '
+                f'got {point.name!r} of package {package}'
+            )
+        found[point.name] = _Entry(point.module, point.attr, package)
+    return found

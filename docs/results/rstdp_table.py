@@ -6,12 +6,11 @@ source setup/env.sh; docs/results/rstdp_table.py OUT
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-import json
 from pathlib import Path
-import statistics
 import sys
 from typing import Any, NamedTuple
+
+from tables import print_row, read_json, spread
 
 from spikelane.figures.weights import weights_correlation
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -80,12 +79,6 @@ def read_runs(folder: Path) -> list[Run]:
     return runs
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Return what a command printed, or nothing where it has not run yet."""
-    content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    return content
-
-
 def print_summary(scenarios: dict[str, list[Run]]) -> None:
     """Print a row for each scenario: median, smallest and largest of its seeds."""
     print(
@@ -102,7 +95,7 @@ def print_summary(scenarios: dict[str, list[Run]]) -> None:
         correlation = spread([run.correlation for run in runs], '.2f')
         steps = f'{runs[0].training["steps"]:,}'
         row = (name, str(len(runs)), steps, losses, *errors, complete, correlation)
-        print(f'| {" | ".join(row)} |')
+        print_row(*row)
     print()
 
 
@@ -117,17 +110,6 @@ def print_seeds(scenarios: dict[str, list[Run]]) -> None:
         if failed:
             print(f'Scenario {name}, lane lost with learning off: seeds {", ".join(failed)}.')
     print()
-
-
-def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
-    """Return median, smallest and largest in words."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return 'none'
-    median = statistics.median(known)
-    if all(isinstance(value, int) for value in known):
-        median = round(median)
-    return f'{median:{form}}{unit} ({min(known):{form}} to {max(known):{form}})'
 
 
 if __name__ == '__main__':

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-from spikelane.executables import EXECUTABLES, find_executable
+from spikelane.executables import executables, find_executable
 from spikelane.main import COMMANDS, main, run
 from spikelane_sim.errors import PacketError, SpikelaneError
 
@@ -186,6 +186,6 @@ def test_a_node_becomes_the_process(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 def test_without_ros_no_node_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line says what to do."""
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    for name in EXECUTABLES:
+    for name in executables():
         with pytest.raises(SpikelaneError, match=f'node {name}: .* source install/setup.bash'):
             find_executable(name)

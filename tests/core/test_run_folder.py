@@ -1,11 +1,15 @@
 """The folder a run leaves."""
 
+import os
 from pathlib import Path
+import re
+import subprocess
 
 import numpy as np
 import pytest
 import yaml
 
+from spikelane import run_folder
 from spikelane.run_folder import lap_name, RunFolder, RunFolderError, versions
 
 
@@ -66,7 +70,10 @@ def test_a_configuration_carries_the_versions(tmp_path: Path) -> None:
 
 def test_versions_name_what_computes() -> None:
     """Python is one of them; what is not installed is None."""
-    assert list(versions()) == ['python', 'spikelane', 'numpy', 'numba', 'pybullet', 'torch']
+    assert list(versions()) == [
+        *('python', 'spikelane', 'numpy', 'numba', 'pybullet', 'torch'),
+        *('commit', 'machine'),
+    ]
     assert str(versions()['python']).startswith('3.')
 
 
@@ -77,3 +84,34 @@ def test_metrics_are_plain_json(tmp_path: Path) -> None:
     assert folder.metrics.read_text() == (
         '{\n  "steps": 4,\n  "bag": "a/b",\n  "d": [\n    0.5,\n    1.0\n  ]\n}\n'
     )
+
+
+def test_the_commit_is_that_of_the_checkout() -> None:
+    """As git says it, whatever differs from it; none where the source is not git's."""
+    source = Path(run_folder.__file__).resolve().parent
+    head = subprocess.run(
+        ['git', '-C', str(source), 'rev-parse', 'HEAD'], capture_output=True, text=True
+    )
+    expected = head.stdout[:12] if head.returncode == 0 else None
+    found = versions()['commit']
+    assert (found and found.rstrip('+')) == expected
+
+
+def test_a_package_in_somebody_elses_checkout_has_no_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The commit of a repository that only has it among its ignored files is not its own."""
+    git = ['git', '-C', str(tmp_path), '-c', 'user.name=x', '-c', 'user.email=x']
+    subprocess.run([*git, 'init', '-q'], check=True)
+    subprocess.run([*git, 'commit', '-q', '--allow-empty', '-m', 'x'], check=True)
+    (tmp_path / 'installed.py').write_text('')
+    monkeypatch.setattr(run_folder, '__file__', str(tmp_path / 'installed.py'))
+    assert run_folder.commit.__wrapped__() is None
+    subprocess.run([*git, 'add', 'installed.py'], check=True)
+    commit = str(run_folder.commit.__wrapped__())
+    assert re.fullmatch(r'[0-9a-f]{12}\+', commit)
+
+
+def test_the_machine_is_told() -> None:
+    """Its processors, and how many there are."""
+    assert f', {os.cpu_count()} x ' in str(versions()['machine'])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import csv
 import io
@@ -19,9 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image
 import pytest
-from rerun.recording import load_recording
-
-from spikelane.viewer.server import rerun_program
 
 pytestmark = pytest.mark.ros
 
@@ -37,6 +34,9 @@ BROWSER = (
     '--no-sandbox',
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',
 )
+
+#: By entity, component and time [ns].
+Shown = Callable[[str, Path], dict[str, dict[str, dict[int, Any]]]]
 
 
 class View(NamedTuple):
@@ -54,13 +54,18 @@ class View(NamedTuple):
 
 
 @contextlib.contextmanager
-def viewing(folder: Path) -> Iterator[View]:
-    """Run the command until it waits for Ctrl-C."""
+def viewing(folder: Path, *what: str) -> Iterator[View]:
+    """Run the command until it waits for Ctrl-C.
+
+    Args:
+        folder: Of its output.
+        what: Is done before the viewer's eyes.
+    """
     command = [sys.executable, '-m', 'spikelane.main', 'view', '--port', '0', '--data-port', '0']
     errors = folder / 'errors'
     with errors.open('wb') as output:
         process = subprocess.Popen(
-            [*command, *DRIVING, *LIMIT, '--out', str(folder / 'run')],
+            [*command, *DRIVING, *(what or LIMIT), '--out', str(folder / 'run')],
             stdout=subprocess.DEVNULL,
             stderr=output,
             start_new_session=True,
@@ -88,41 +93,17 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
         yield view
 
 
-def received(address: str, file: Path) -> dict[str, dict[str, dict[int, Any]]]:
-    """Return what Rerun's own client is sent: values by entity, component and time [ns]."""
-    command = [str(rerun_program()), address, '--save', str(file), '--bind', '127.0.0.1']
-    client = subprocess.Popen([*command, '--port', 'auto'], stderr=subprocess.DEVNULL)
-    size, since_s, deadline_s = -1, time.monotonic(), time.monotonic() + 60
-    while time.monotonic() < min(since_s + 3, deadline_s):  # until nothing has come for a while
-        now = file.stat().st_size if file.exists() else -1
-        if now != size or now <= 0:
-            size, since_s = now, time.monotonic()
-        time.sleep(0.1)
-    client.terminate()
-    client.wait()
-    found: dict[str, dict[str, dict[int, Any]]] = {}
-    for chunk in load_recording(file).chunks():
-        batch = chunk.to_record_batch()
-        times = [0] * batch.num_rows
-        if not chunk.is_static:
-            times = batch.column('simulation').to_numpy(zero_copy_only=False).astype(int).tolist()
-        for name in batch.schema.names:
-            if ':' in name:
-                values = zip(times, batch.column(name).to_pylist(), strict=True)
-                entity = found.setdefault(chunk.entity_path, {})
-                entity.setdefault(name, {}).update(values)
-    return found
-
-
 def rows(file: Path) -> dict[int, dict[str, str]]:
     """Return the rows of a trajectory by their time [ns]."""
     with file.open() as lines:
         return {STEP_NS * (k + 1): row for k, row in enumerate(csv.DictReader(lines))}
 
 
-def test_what_a_client_receives_is_what_was_driven(view: View, tmp_path: Path) -> None:
+def test_what_a_client_receives_is_what_was_driven(
+    view: View, tmp_path: Path, shown_at: Shown
+) -> None:
     """Distances and places at their times; events, spikes, weights and the course are there."""
-    shown = received(view.address, tmp_path / 'received.rrd')
+    shown = shown_at(view.address, tmp_path / 'received.rrd')
     driven = rows(view.folder / 'trajectory.csv')
     assert len(driven) == STEPS + 1
     distances = shown['/lane/distance']['Scalars:scalars']
@@ -168,6 +149,29 @@ def test_a_browser_shows_it_without_a_network(view: View) -> None:
             )
         browser.close()
     assert yellow >= 50
+
+
+def test_a_training_is_shown_and_is_the_one_that_nobody_watched(
+    tmp_path: Path, shown_at: Shown
+) -> None:
+    """Rewards and weights are there; the checkpoint is that of the training in one process."""
+    learning = ('--train', '--steps', str(STEPS))
+    with viewing(tmp_path, *learning) as view:
+        shown = shown_at(view.address, tmp_path / 'received.rrd')
+        assert view.end() == 0
+    stamps = {STEP_NS * (step + 1) for step in range(STEPS + 1)}
+    distances = shown['/lane/distance']['Scalars:scalars']
+    assert distances.keys()
+    assert distances.keys() <= stamps
+    assert shown['/controller/reward']['Scalars:scalars']
+    weights = list(shown['/controller/weights/weights']['Image:buffer'].values())
+    assert weights[0] != weights[-1]  # it learnt
+    command = [sys.executable, '-m', 'spikelane.main', 'train', 'rstdp', '--transport']
+    alone = [*command, 'inprocess', *DRIVING[2:], '--steps', str(STEPS), '--out']
+    subprocess.run([*alone, str(tmp_path / 'alone')], capture_output=True, check=True)
+    for name in ('checkpoint.safetensors', 'checkpoint.json', 'episodes.csv'):
+        watched = (view.folder / name).read_bytes()
+        assert watched == (tmp_path / 'alone' / name).read_bytes()
 
 
 def test_ctrl_c_ends_it_and_the_server(tmp_path: Path) -> None:

@@ -33,7 +33,6 @@ FOXGLOVE_TYPES = {
 NOT_RECORDED = {
     '/event_camera/image_raw',
     '/event_camera/camera_info',
-    '/controller/weights',
 }
 
 
@@ -112,7 +111,7 @@ def test_foxglove_is_given_fields_that_are_published(
 
 
 def test_what_is_shown_of_a_bag_is_in_it(layout: dict[str, Any]) -> None:
-    """All but the three topics that a lap does not record."""
+    """All but the pictures, which a lap does not record."""
     topics = {path.partition('.')[0] for path in paths_in(layout)}
     assert topics - set(TOPICS) == NOT_RECORDED
 

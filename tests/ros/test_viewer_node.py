@@ -1,24 +1,38 @@
 """Node `viewer`: shows a graph that runs, and keeps out of its way."""
 
+from pathlib import Path
 import re
 from typing import Any
 
 import pytest
+from spikelane_msgs.msg import LaneState
 
 from spikelane.nodes.viewer import ViewerParameters
+from spikelane_sim.messages import to_stamp_ns
 
 pytestmark = pytest.mark.ros
 
 PORTS = {'web_port': 0, 'grpc_port': 0}
+STEPS = 100
+ATTEMPTS = 5
+#: What a client must have been sent.
+WANTED = {'/lane/distance', '/camera/events', '/course/markings', '/course/robot'}
 
 
-def test_it_shows_a_graph_that_runs_and_ends_quietly(graph: Any) -> None:
-    """It asks the simulator for the course; all that it takes are the latest messages."""
+def test_it_shows_a_graph_that_runs_and_ends_quietly(
+    graph: Any, tmp_path: Path, shown_at: Any
+) -> None:
+    """It asks the simulator for the course; the distances it shows are those of their steps."""
+    node, published = graph.node, {}
+
+    def keep(message: LaneState) -> None:
+        published[to_stamp_ns(message.header.stamp)] = message.distance
+
+    node.create_subscription(LaneState, 'lane/state', keep, 10_000)
     graph.start('simulator', {'robot.model': 'kinematic', 'course': 'scenario_2'})
-    graph.start('braitenberg')
+    driver = graph.start('braitenberg')
     viewer = graph.start('viewer', PORTS)
     graph.until(lambda: 'open http://127.0.0.1:' in viewer.log, 'the address')
-    node = graph.node
     topics = ('/lane/state', '/event_camera/events', '/controller/state')
 
     def subscriptions(topic: str) -> list[Any]:
@@ -29,6 +43,22 @@ def test_it_shows_a_graph_that_runs_and_ends_quietly(graph: Any) -> None:
     for topic in topics:
         [profile] = subscriptions(topic)
         assert profile.reliability.name == 'BEST_EFFORT'
+    port = re.findall(r'127\.0\.0\.1%3A(\d+)', viewer.log)[0]
+    address = f'rerun+http://127.0.0.1:{port}/proxy'
+    shown: dict[str, Any] = {}
+    for attempt in range(ATTEMPTS):
+        # While it drives; what was published before it was looked for may be lost.
+        already = len(published)
+        graph.until(lambda already=already: len(published) > already + STEPS, 'steps')
+        assert driver.stop() == 0  # so that nothing more comes and the client is done
+        shown = shown_at(address, tmp_path / f'{attempt}.rrd')
+        if shown.keys() >= WANTED:
+            break
+        driver = graph.start('braitenberg')  # the machine is busy
+    assert shown.keys() >= WANTED
+    distances = shown['/lane/distance']['Scalars:scalars']
+    assert distances
+    assert distances == {stamp_ns: [published[stamp_ns]] for stamp_ns in distances}
     assert viewer.stop() == 0
     assert 'Traceback' not in viewer.log
     assert 'not shown' not in viewer.log

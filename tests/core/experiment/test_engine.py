@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 import signal
+import socket
 import sys
+import time
 
 import pytest
 
@@ -52,6 +54,33 @@ def test_without_ray_it_is_told_how_to_have_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, 'ray', None)
     with pytest.raises(SpikelaneError, match=r'pip install ray -c requirements/constraints\.txt'):
         RayEngine(None, None)
+
+
+@pytest.mark.parametrize('address', ['', 'nonsense', '127.0.0.1', '127.0.0.1:x', 'ray://:7'])
+def test_what_is_no_address_of_a_cluster_is_refused(address: str) -> None:
+    """Rather than handed to Ray."""
+    pytest.importorskip('ray')
+    with pytest.raises(SpikelaneError) as error:
+        RayEngine(address, None)
+    assert str(error.value) == (
+        f"--address: expected HOST:PORT, ray://HOST:PORT or auto, got '{address}'"
+    )
+
+
+@pytest.mark.parametrize('scheme', ['', 'ray://'])
+def test_an_address_where_nobody_listens_is_told_at_once(scheme: str) -> None:
+    """Ray would try for minutes, with warnings of its own."""
+    pytest.importorskip('ray')
+    with socket.socket() as taken:
+        taken.bind(('127.0.0.1', 0))  # and does not listen
+        address = f'{scheme}127.0.0.1:{taken.getsockname()[1]}'
+        start_s = time.monotonic()
+        with pytest.raises(SpikelaneError) as error:
+            RayEngine(address, None)
+    assert str(error.value) == (
+        f'--address: expected a Ray cluster at {address}, got: Connection refused'
+    )
+    assert time.monotonic() - start_s < 10
 
 
 @pytest.mark.parametrize(

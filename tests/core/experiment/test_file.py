@@ -128,9 +128,9 @@ def test_the_files_that_come_along_can_be_read(path: Path) -> None:
     assert read_experiment(path).name == path.stem
 
 
-def test_the_file_in_the_readme_can_be_read(tmp_path: Path) -> None:
+def test_the_file_in_the_tutorial_can_be_read(tmp_path: Path) -> None:
     """The only YAML there."""
-    (text,) = re.findall(r'```yaml\n(.*?)```', (ROOT / 'README.md').read_text(), re.DOTALL)
+    (text,) = re.findall(r'```yaml\n(.*?)```', (ROOT / 'docs/tutorial.md').read_text(), re.DOTALL)
     (block,) = read(tmp_path, text).blocks
     assert (block.controllers, len(block.seeds)) == (('rstdp', 'braitenberg'), 10)
 

@@ -65,6 +65,20 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     assert lap.setting == 'robot.model kinematic; camera.antialias True; poisson.max_rate_hz 400.0'
 
 
+def test_a_learning_rate_is_part_of_a_setting(tmp_path: Path) -> None:
+    """Though whether a controller learns is not."""
+    folder = tmp_path / 'transfer'
+    folder.mkdir()
+    config = {'scenario': '1', 'seed': 0, 'transfer': {'learning_rate': 0.001}}
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+    names = ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates')
+    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1)))
+    write_lap(tmp_path / 'lap', controller='rstdp', rstdp={'learning': True})
+    found = collect([tmp_path])
+    assert [run.setting for run in found.transfers] == ['learning_rate 0.001']
+    assert [run.setting for run in found.laps] == ['']
+
+
 def test_weights_learnt_otherwise_are_another_setting(tmp_path: Path) -> None:
     """Laps with them are not laid together with the others."""
     weights = write_training(tmp_path / 'training', 0, [], rstdp={'c_r': 0.03})
@@ -72,7 +86,7 @@ def test_weights_learnt_otherwise_are_another_setting(tmp_path: Path) -> None:
     write_lap(tmp_path / 'lap', **learnt)
     write_lap(tmp_path / 'moved', controller='rstdp', rstdp={'checkpoint': '/nowhere'})
     settings = [lap.setting for lap in collect([tmp_path]).laps]
-    assert settings == ['learnt with c_r 0.03', 'weights of /nowhere']
+    assert settings == ['learnt with c_r 0.03; learnt in scenario 2', 'weights of /nowhere']
 
 
 def test_a_training_is_read_from_its_checkpoint_alone(tmp_path: Path) -> None:
@@ -102,9 +116,9 @@ def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None
         for n, reason in enumerate(names, 1)
     ]
     [run] = collect([write_training(tmp_path / '0', 0, ends)]).trainings
-    assert run.solved_episode == 2
+    assert (run.solved_episode, run.solved_step) == (2, 4000)
     [never] = collect([write_training(tmp_path / '1', 0, ends[:3])]).trainings
-    assert never.solved_episode is None
+    assert (never.solved_episode, never.solved_step) == (None, None)
 
 
 def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
@@ -126,6 +140,71 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
         str(tmp_path / 'c'),
         str(tmp_path / 'd'),
     ]
+
+
+def test_an_unfinished_training_says_how_far_it_is(tmp_path: Path) -> None:
+    """By its checkpoint; it is in no table, as it would be a training of fewer steps."""
+    folder = write_training(tmp_path / 'a', 0, [])
+    config = {'scenario': '2', 'controller': 'rstdp', 'seed': 0, 'training': {'steps': 20_000}}
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+    write_lap(tmp_path / 'b')
+    found = collect([tmp_path])
+    why = 'not finished: no metrics.json, at step 9,000 of 20,000'
+    assert (found.trainings, found.left_out) == ([], [LeftOut(str(folder), why)])
+
+
+def test_a_copy_of_a_run_counts_once(tmp_path: Path) -> None:
+    """The same seed, setting and outcome; another outcome of the same seed is another run."""
+    write_lap(tmp_path / 'a')
+    write_lap(tmp_path / 'b')
+    other = write_lap(tmp_path / 'c')
+    (other / 'metrics.json').write_text(json.dumps({**METRICS, 'mean_abs_distance_m': 0.03}))
+    end = [4000, 1, 'outer', 'B', 6.0, 0.21, 4000, 'lane_lost']
+    write_training(tmp_path / 'd', 0, [end])
+    write_training(tmp_path / 'e', 0, [end])
+    write_training(tmp_path / 'f', 1, [end])
+    found = collect([tmp_path])
+    assert [lap.folder.name for lap in found.laps] == ['a', 'c']
+    assert [run.folder.name for run in found.trainings] == ['d', 'f']
+    assert found.left_out == [
+        LeftOut(str(tmp_path / 'b'), f'the same as {tmp_path}/a, and counted once'),
+        LeftOut(str(tmp_path / 'e'), f'the same as {tmp_path}/d, and counted once'),
+    ]
+
+
+def test_laps_of_many_random_courses_are_one_group(tmp_path: Path) -> None:
+    """On one course alone they are that course's, whatever scenario the controller is for."""
+    for name, courses in (('many', ['random:3', 'random:4']), ('one', ['scenario_2'])):
+        folder = tmp_path / name
+        rows = [
+            {**METRICS, 'course': course, 'lane': 'outer', 'seed': 0, 'steps': number}
+            for number, course in enumerate(courses)
+        ]
+        for row in rows:
+            lap = folder / 'laps' / f'{row["course"]}-outer'
+            lap.mkdir(parents=True)
+            (lap / 'metrics.json').write_text(json.dumps(row))
+        config = {'scenario': '1', 'controller': 'braitenberg', 'seed': 0}
+        config['evaluation'] = {'seeds': 1, 'lanes': [], 'courses': courses}
+        (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+        (folder / 'metrics.json').write_text(json.dumps({'laps': rows}))
+    laps = collect([tmp_path]).laps
+    assert [(lap.scenario, lap.config['scenario']) for lap in laps] == [
+        ('random courses', 'random:3'),
+        ('random courses', 'random:4'),
+        ('2', 'scenario_2'),
+    ]
+
+
+def test_the_results_of_conditions_are_kept(tmp_path: Path) -> None:
+    """For the figure of robustness; an experiment without conditions has none."""
+    write_lap(tmp_path / 'a/run')
+    for name, condition in (('a', 'noise-0.1'), ('b', '')):
+        (tmp_path / name).mkdir(exist_ok=True)
+        results = {'name': name, 'runs': [], 'groups': [{'conditions': condition}]}
+        (tmp_path / name / 'results.json').write_text(json.dumps(results))
+    [found] = collect([tmp_path]).conditions
+    assert (found.folder, found.results['name']) == (tmp_path / 'a', 'a')
 
 
 def test_nothing_to_report_on_is_wrong_use(tmp_path: Path) -> None:

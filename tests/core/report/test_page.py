@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import base64
 from collections.abc import Iterator
 import io
 import json
 from pathlib import Path
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -18,14 +20,20 @@ import html5lib
 import numpy as np
 from PIL import Image
 import pytest
+import yaml
 
+from spikelane.commands import train
+from spikelane.commands.arguments import given_parameters
 from spikelane.main import run
 from spikelane.report.again import drive_again
 from spikelane.report.collect import collect
+from spikelane.run_folder import versions
+from spikelane.training import make_config
 from spikelane.trajectory import read_csv, write_csv
 from spikelane_sim.errors import SpikelaneError
 
-pytestmark = pytest.mark.slow
+# Seconds of work for one who has the machine for himself.
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 CHROMIUM = next(filter(None, map(shutil.which, ('chromium', 'google-chrome'))), None)
 SHORT = ('--robot', 'kinematic', '--seed', '1', '--json')
@@ -62,6 +70,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]
     assert run(['evaluate', *short, '--seeds', '2', '--out', str(runs / 'deep/evaluation')]) == 0
     assert run(['train', 'rstdp', *SHORT, '--steps', '900', '--out', str(runs / 'rstdp')]) == 0
     assert run(['train', 'dqn', *SHORT, '--steps', '120', '--out', str(runs / 'dqn')]) == 0
+    few = ('--states', '300', '--steps', '60', '--checkpoint', str(runs / 'dqn'))
+    assert run(['transfer', *SHORT, *few, '--out', str(runs / 'transfer')]) == 0
     (runs / 'unfinished').mkdir()
     (runs / 'unfinished/config.yaml').write_text('lane: outer\n')
     output = io.StringIO()
@@ -138,10 +148,14 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
         'rewards',
         'state_input',
         'dqn_scenario_1_robot_model_kinematic_training',
+        'dqn_scenario_1_robot_model_kinematic_states',
+        'transfer_scenario_1_robot_model_kinematic_states_300_steps_60_accuracy',
+        'transfer_scenario_1_robot_model_kinematic_states_300_steps_60_rates',
         'rstdp_scenario_1_robot_model_kinematic_weights',
         'rstdp_scenario_1_robot_model_kinematic_terminations',
         'braitenberg_weights',
         'deviation_scenario_1',
+        'deviation_scenario_1_inner',
         'training_time',
     }
     assert names == {f'{name}.{kind}' for name in both for kind in ('svg', 'png')} | {
@@ -151,8 +165,66 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
     left_out = {each['what']: each['why'] for each in report['left_out']}
     assert left_out[str(report['folder'] / 'unfinished')] == 'not finished: no metrics.json'
     assert left_out['R-STDP training, scenario 3'] == 'no run among these'
+    # The lap is the one that the evaluation drove with the same seed.
+    assert left_out[str(report['folder'] / 'lap')].startswith('the same as ')
     assert 'R-STDP training, scenario 1' not in left_out
     assert all(each in page_of(report) for each in ('R-STDP training, scenario 3', 'unfinished'))
+
+
+def test_each_row_has_its_command(report: dict[str, Any]) -> None:
+    """Of an evaluation one for all its laps; on the page as in the JSON."""
+    groups = {each['what'].partition(':')[0]: each['lines'] for each in report['commands']}
+    [lap], runs = groups['Laps'], report['folder']
+    assert lap == (
+        './spikelane evaluate --scenario 1 --seed 1 --controller braitenberg --seeds 2 '
+        '--transport inprocess --param simulator.episode.max_steps=80 --robot kinematic'
+    )
+    [transfer] = groups['Transfers']
+    assert transfer == (
+        f'./spikelane transfer --scenario 1 --seed 1 --checkpoint {runs}/dqn --from-training '
+        '--robot kinematic --param gathering.states=300 --param transfer.steps=60 '
+        f'--out {runs}/transfer'
+    )
+    root = html5lib.parse(page_of(report), namespaceHTMLElements=False)
+    shown = [line for each in root.iter('pre') for line in each.text.split('\n') if line]
+    assert shown == [line for each in report['commands'] for line in each['lines']]
+
+
+def test_the_commands_give_the_same_configurations(report: dict[str, Any]) -> None:
+    """Read by the commands themselves, they determine what the runs' folders say."""
+    trainings = [
+        (line, Path(shlex.split(line)[-1]))
+        for each in report['commands']
+        for line in each['lines']
+        if each['what'].startswith('Trainings')
+    ]
+    assert len(trainings) == 2
+    for line, folder in trainings:
+        parser = argparse.ArgumentParser()
+        train.add_arguments(parser)
+        options = parser.parse_args(shlex.split(line)[2:])
+        config = make_config(
+            options.scenario,
+            options.controller,
+            options.seed,
+            options.transport,
+            given_parameters(options),
+            options.steps,
+        )
+        written = yaml.safe_load((folder / 'config.yaml').read_text())
+        written.pop('versions')
+        assert json.loads(json.dumps(config.to_dict())) == written
+
+
+def test_it_is_told_what_made_the_runs(report: dict[str, Any]) -> None:
+    """All with this commit, on this machine."""
+    [made] = report['made_with']
+    # An evaluation's four laps, two trainings and a transfer.
+    assert made['runs'] == 7
+    assert made['commit'] == (versions()['commit'] or 'not recorded')
+    assert made['machine'] == versions()['machine']
+    assert f'numpy {np.__version__}' in made['versions']
+    assert f'This page: commit {made["commit"]}; machine: {made["machine"]}' in page_of(report)
 
 
 def test_the_animation_moves(report: dict[str, Any]) -> None:
@@ -227,7 +299,7 @@ def test_a_browser_shows_it_on_a_phone(
     text = html5lib.parse(dom, namespaceHTMLElements=False).find(".//pre[@id='found']").text
     found = json.loads(text)
     assert found['width'] <= found['inner'] <= 390
-    assert (found['broken'], found['images']) == (0, 10)
+    assert (found['broken'], found['images']) == (0, 14)
     assert found['loaded'] == []
     assert (found['dark'], found['paper']) == (scheme == 0, paper)
     cells = [cell for table in report['tables'] for row in table['rows'] for cell in row]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import pytest
 
 from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value, VALUES
-from spikelane.report.tables import all_tables, MEASURES, seeds_in_words, Table
+from spikelane.report.tables import all_tables, by_key, MEASURES, seeds_in_words, Table
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import CONTROLLERS
 from spikelane_controllers.training import Termination
 
@@ -124,8 +126,8 @@ def test_trainings_that_have_not_settled_are_counted_out() -> None:
 
 def test_settings_are_not_laid_together() -> None:
     """Each has a row of its own."""
-    other = run_of(TransferRun, 'dqn_snn', 1, metrics={'accuracy': 0.9}, setting='steps 20000')
-    usual = run_of(TransferRun, 'dqn_snn', 1, metrics={'accuracy': 0.935})
+    other = dataclasses.replace(transfer(1, 0.9), setting='steps 20000')
+    usual = transfer(1, 0.935)
     rows = table(Runs(transfers=[other, usual]), "Results against the paper's").rows
     assert [row[3:6] for row in rows] == [
         ("the paper's", '93.05 %', '93.50 %'),
@@ -155,3 +157,74 @@ def test_the_papers_values_are_of_what_is_measured() -> None:
     assert accuracy is not None
     assert accuracy.value == 0.9171
     assert paper_value('braitenberg', '2', 'accuracy') is None
+
+
+def transfer(seed: int, accuracy: float) -> TransferRun:
+    """Make a transfer."""
+    rates = [
+        {'simulated_ms': 10.0, 'hidden': 0.3, 'output': 0.25, 'agreement': 0.5},
+        {'simulated_ms': 1000.0, 'hidden': 0.02, 'output': 0.01, 'agreement': 0.9},
+    ]
+    metrics = {
+        'accuracy': accuracy,
+        'training_accuracy': 0.96,
+        'states': 50_000,
+        'rates': {'reset to 0': rates, 'less the threshold': []},
+    }
+    found: TransferRun = run_of(TransferRun, 'dqn_snn', seed, metrics=metrics)
+    return found
+
+
+def test_transfers_have_accuracies_and_rates() -> None:
+    """The s of 0.94 and 0.92 is 0.014142; the interval's half 12.7062 * 0.01 = 0.127062."""
+    [row] = table(Runs(transfers=[transfer(0, 0.94), transfer(1, 0.92)]), 'Transfers').rows
+    assert row == (
+        '1',
+        "the paper's",
+        '50,000',
+        '93.00 % ± 1.41 % (80.29 % to 105.71 %)',
+        '93.00 % (92.00 % to 94.00 %)',
+        '96.00 % ± 0.00 % (96.00 % to 96.00 %)',
+        '50.00 % ± 0.00 % (50.00 % to 50.00 %)',
+        '90.00 % ± 0.00 % (90.00 % to 90.00 %)',
+        '0.2500 ± 0.0000 (0.2500 to 0.2500)',
+        '0.0100 ± 0.0000 (0.0100 to 0.0100)',
+        '0 to 1',
+    )
+
+
+def counted(controller: str, **operations: int) -> Lap:
+    """Make a lap of 99 steps, 5 s with the observation at its reset, with its operations."""
+    one = lap(0, 0.03)
+    fields = {**dict.fromkeys(Operations._fields, 0), **operations}
+    metrics = {**one.metrics, 'steps': 99, 'operations': fields}
+    return dataclasses.replace(one, controller=controller, metrics=metrics)
+
+
+def test_operations_are_counted_for_a_decision_and_a_second() -> None:
+    """Of two laps, 10 s; a lap that they were not counted of is left out."""
+    spiking = counted('rstdp', decisions=100, synaptic=500)
+    deep = counted(
+        'dqn',
+        decisions=10,
+        multiply_accumulates=8000,
+        active_inputs=70,
+        active_multiply_accumulates=3000,
+    )
+    runs = Runs(laps=[spiking, spiking, deep, lap(7, 0.03)])
+    of_deep, of_spiking = table(runs, 'Operations for a decision').rows
+    assert of_spiking == ('R-STDP', '1', "the paper's", '20', '5', '—', '100', '—', '2')
+    assert of_deep == (
+        *('DQN', '1', "the paper's", '2'),
+        *('—', '800 (300)', '—', '1,600 (600)', '1'),
+    )
+
+
+def test_numbers_in_settings_are_ordered_by_value() -> None:
+    """50 before 100."""
+    laps = [
+        dataclasses.replace(lap(0, 0.03), setting=f'latency_ms {number}')
+        for number in (100, 50, 200)
+    ]
+    settings = [key.setting for key in by_key(laps)]
+    assert settings == ['latency_ms 50', 'latency_ms 100', 'latency_ms 200']

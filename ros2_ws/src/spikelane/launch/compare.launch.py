@@ -9,7 +9,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
 from spikelane.launch import graph
-from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.registry import controller_names
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -19,7 +19,7 @@ def generate_launch_description() -> LaunchDescription:
             *graph.run_arguments(),
             graph.argument(
                 'controllers',
-                f'Which, with commas between them: {", ".join(CONTROLLERS)}.',
+                f'Which, with commas between them: {", ".join(controller_names())}.',
                 'braitenberg,rstdp',
             ),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
@@ -37,9 +37,9 @@ def start(context: LaunchContext) -> list:
     """
     arguments = graph.Arguments(context)
     names = arguments.text('controllers').split(',')
-    if not set(names) <= set(CONTROLLERS) or len(set(names)) < len(names):
+    if not set(names) <= set(controller_names()) or len(set(names)) < len(names):
         raise ValueError(
-            f'controllers: expected different ones of {", ".join(CONTROLLERS)}, '
+            f'controllers: expected different ones of {", ".join(controller_names())}, '
             f'got {",".join(names)}'
         )
     is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')

@@ -5,17 +5,23 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.registry import controller_packages
 from spikelane_sim.errors import SpikelaneError
 
-#: Node executables and the package that has each.
-EXECUTABLES = {
-    'simulator': 'spikelane_sim',
-    **dict.fromkeys(CONTROLLERS, 'spikelane_controllers'),
-    'recorder': 'spikelane',
-    'replay': 'spikelane',
-    'viewer': 'spikelane',
-}
+
+def executables() -> dict[str, str]:
+    """Return the node executables, those of other packages' controllers too, with their package.
+
+    Raises:
+        ParameterError: A controller of another package cannot have its name.
+    """
+    return {
+        'simulator': 'spikelane_sim',
+        **controller_packages(),
+        'recorder': 'spikelane',
+        'replay': 'spikelane',
+        'viewer': 'spikelane',
+    }
 
 
 def find_executable(name: str) -> Path:
@@ -24,9 +30,10 @@ def find_executable(name: str) -> Path:
     Raises:
         SpikelaneError: There is no such node, or it is not installed.
     """
-    if name not in EXECUTABLES:
-        raise SpikelaneError(f'node: expected one of {", ".join(EXECUTABLES)}, got {name!r}')
-    package = EXECUTABLES[name]
+    packages = executables()
+    if name not in packages:
+        raise SpikelaneError(f'node: expected one of {", ".join(packages)}, got {name!r}')
+    package = packages[name]
     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
         marker = Path(prefix, 'share/ament_index/resource_index/packages', package)
         executable = Path(prefix, 'lib', package, name)

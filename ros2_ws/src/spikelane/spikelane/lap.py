@@ -149,6 +149,7 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         'transport': config.transport,
         'robot': config.simulator.robot.model,
         **measured,
+        'operations': None if driven.operations is None else driven.operations._asdict(),
         'steps_per_s': measured['steps'] / driven.wall_time_s,
         'folder': str(folder.path),
         'bag': None if driven.bag is None else str(driven.bag),

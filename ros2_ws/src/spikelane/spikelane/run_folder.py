@@ -21,17 +21,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import contextlib
 import dataclasses
+import functools
 import importlib.metadata
 import itertools
 import json
+import os
 from pathlib import Path
 import platform
+import subprocess
 from typing import Any
 
 from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
+
+_GIT_S = 5.0  # to say which commit this is
 
 
 class RunFolderError(FileError):
@@ -117,7 +122,7 @@ class RunFolder:
         return self.path / 'figures'
 
     def write_config(self, values: Mapping[str, Any]) -> None:
-        """Write `config.yaml`: the values, then the versions of what computed with them."""
+        """Write `config.yaml`: the values, then what computes with them (`versions`)."""
         write_yaml(self.config, {**values, 'versions': versions()})
 
     def check_config(self, values: Mapping[str, Any]) -> None:
@@ -177,14 +182,53 @@ def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of what a run computes with; None for what is not installed."""
+    """Return the versions of what a run computes with, and the machine.
+
+    Returns:
+        By name; None for what is not installed, and for the commit where this is no checkout.
+    """
     found: dict[str, str | None] = {'python': platform.python_version()}
     for name in VERSIONED:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             found[name] = None
-    return found
+    return {**found, 'commit': commit(), 'machine': machine()}
+
+
+@functools.cache
+def commit() -> str | None:
+    """Return the commit of the source that runs, with a + where files differ from it."""
+    here = Path(__file__).resolve()
+    try:
+        # An installed package may lie in somebody else's checkout.
+        _git(here.parent, 'ls-files', '--error-unmatch', here.name)
+        # Without --exclude a tag would stand for the commit that it is of.
+        found = _git(
+            here.parent, 'describe', '--always', '--abbrev=12', '--dirty=+', '--exclude=*'
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.strip() or None
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    """Return what git says; without locks, so that nobody else's git has to wait."""
+    command = ['git', '--no-optional-locks', '-C', str(folder), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_GIT_S, check=True)
+    return done.stdout
+
+
+@functools.cache
+def machine() -> str:
+    """Return what computes: kernel, processors and their name."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text('utf-8').splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    processor = names[0] if names else platform.machine()
+    return f'{platform.system()} {platform.release()}, {os.cpu_count()} x {processor}'
 
 
 def _candidates(path: Path) -> Iterator[Path]:

@@ -52,6 +52,12 @@ TRAINING_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+def training_defaults(controller: str) -> Mapping[str, Any]:
+    """Return what training differs in from driving a lap; of other packages', only that it is."""
+    learns = {f'{controller}.learning': True, f'{controller}.checkpoint': ''}
+    return TRAINING_DEFAULTS.get(controller, learns)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrainConfig(Configuration):
     """Everything that determines a training.
@@ -85,7 +91,7 @@ def make_config(
         SpikelaneError: Anything is unknown or not allowed.
     """
     cls = training_class(controller).parameters_class
-    parameters = {**TRAINING_DEFAULTS[controller], **parameters}
+    parameters = {**training_defaults(controller), **parameters}
     parts = configure(scenario, controller, seed, transport, parameters)
     return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
 
@@ -156,7 +162,7 @@ def report_training(
         The metrics and where everything is, ready for JSON.
     """
     title = f'{config.controller}, scenario {config.scenario}, seed {config.seed}'
-    report = _REPORTS[config.controller](config, training, folder, title)
+    report = _REPORTS.get(config.controller, _report_any)(config, training, folder, title)
     _write_episodes(training.terminations, report.columns, folder.episodes)
     result = {
         'scenario': config.scenario,
@@ -175,6 +181,14 @@ def report_training(
     }
     folder.write_metrics(result)
     return result
+
+
+def _report_any(config: TrainConfig, training: Training, folder: RunFolder, title: str) -> Report:
+    from spikelane.figures.terminations import draw_terminations
+
+    course = load_course(config.simulator.course)
+    figures = draw_terminations(training, course, folder.figures / 'terminations', title)
+    return Report({}, [{} for _ in training.terminations], tuple(figures))
 
 
 def _report_plastic(

@@ -55,7 +55,7 @@ def simulate(given: dict[str, NDArray[Any]]) -> dict[str, Any]:
         if window % 2:
             for synapses, n in zip(of_neuron, dopamine, strict=True):
                 synapses.set({'n': n})
-        else:  # quicker, for some reason inside PyNEST
+        else:
             connections.set([{'n': dopamine[i]} for i in neuron])
         middle = time.perf_counter()
         nest.Simulate(50.0)

@@ -14,7 +14,7 @@ import yaml
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.lap import Show
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 
@@ -91,7 +91,7 @@ def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--controller',
         default='braitenberg',
-        choices=CONTROLLERS,
+        choices=controller_names(),
         help='what drives (default: braitenberg)',
     )
     parser.add_argument(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 
-from spikelane.executables import EXECUTABLES, find_executable
+from spikelane.executables import executables, find_executable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('node', metavar='NODE', help=f'one of {", ".join(EXECUTABLES)}')
+    parser.add_argument('node', metavar='NODE', help=f'one of {", ".join(executables())}')
     parser.add_argument(
         'arguments',
         nargs=argparse.REMAINDER,

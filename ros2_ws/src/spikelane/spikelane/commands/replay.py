@@ -10,7 +10,7 @@ from typing import Any
 from spikelane.bag.drive import RecordedDrive
 from spikelane.commands.arguments import given_weights, parse_parameters, progress
 from spikelane.replay import make_config, make_folder, replay, report_replay
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
 
 
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--controller',
-        choices=CONTROLLERS,
+        choices=controller_names(),
         help='what answers (default: what drove, where the bag says so)',
     )
     parser.add_argument(
@@ -84,9 +84,9 @@ def run(options: argparse.Namespace) -> int:
     drive = RecordedDrive(options.bag, options.events)
     said = drive.source.custom_data
     options.controller = options.controller or said.get('controller')
-    if options.controller not in CONTROLLERS:
+    if options.controller not in controller_names():
         raise ParameterError(
-            f'--controller: expected one of {", ".join(CONTROLLERS)}, as the bag says that '
+            f'--controller: expected one of {", ".join(controller_names())}, as the bag says that '
             f'{options.controller or "nobody"} drove'
         )
     config = make_config(

@@ -13,7 +13,7 @@ from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, report_training, train, TrainConfig
 from spikelane.transport import over_ros
-from spikelane_controllers.registry import training_class, TRAININGS
+from spikelane_controllers.registry import training_class, training_names
 from spikelane_controllers.training import Training
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
@@ -30,7 +30,7 @@ def _usual_steps() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('controller', choices=TRAININGS, help='what learns')
+    parser.add_argument('controller', choices=training_names(), help='what learns')
     parser.add_argument('--steps', type=int, help=_usual_steps())
     parser.add_argument(
         '--device',

@@ -23,7 +23,7 @@ from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_training_config
 from spikelane.training import report_training, TrainConfig
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
-from spikelane_controllers.registry import CONTROLLERS, TRAININGS
+from spikelane_controllers.registry import controller_names, training_names
 from spikelane_sim.errors import ParameterError, SpikelaneError
 
 _CHECK_PERIOD_S = 0.2
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--controller',
-        choices=CONTROLLERS,
+        choices=controller_names(),
         help='drive a lap with it, recorded as by `spikelane lap` (default: drive nothing)',
     )
     parser.add_argument(
@@ -148,8 +148,8 @@ def _lap_config(options: argparse.Namespace) -> LapConfig:
 
 
 def _training_config(options: argparse.Namespace) -> TrainConfig:
-    if options.controller not in TRAININGS:
-        expected = ', '.join(TRAININGS)
+    if options.controller not in training_names():
+        expected = ', '.join(training_names())
         raise ParameterError(f'--train: expected one of {expected}, got {options.controller}')
     return make_training_config(
         options.scenario,

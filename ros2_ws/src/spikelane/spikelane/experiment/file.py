@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.experiment.tasks import controller_groups, TASKS
-from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.registry import controller_names
 from spikelane_sim.course import available_courses, load_course, scenario_course
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import Parameters, ParameterSpec
@@ -109,7 +109,7 @@ def with_seeds(record: ExperimentRecord, seeds: int) -> ExperimentRecord:
 
 def _read_block(value: YamlValue) -> Block:
     fields = value.fields(_REQUIRED, _OPTIONAL)
-    controllers = tuple(each.choice(*CONTROLLERS) for each in _some(fields['controllers']))
+    controllers = tuple(each.choice(*controller_names()) for each in _some(fields['controllers']))
     tasks = dict(_read_tasks(fields['tasks']))
     axes = {
         # Conditions are of evaluations alone, whatever else is done.

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import signal
+import socket
 import time
 from typing import Any
 
@@ -25,6 +26,10 @@ from spikelane_sim.errors import SpikelaneError
 
 _POLL_S = 0.1
 _END_S = 20.0  # for processes to end when they are told to
+_CONNECT_S = 10.0  # for a cluster to accept a connection
+
+_ANY = 'auto'  # the cluster of this machine, as Ray says it
+_CLIENT = 'ray://'
 
 
 class RayEngine:
@@ -42,6 +47,8 @@ class RayEngine:
             SpikelaneError: Ray is not installed, or there is no such cluster.
         """
         self._ray = _import_ray()
+        if address is not None:
+            _check_address(address)
         try:
             if address is None:
                 os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
@@ -107,6 +114,28 @@ class RayEngine:
         except errors.RayError as error:
             lines = str(error).strip().splitlines() or [type(error).__name__]
             return Ended(name, 1, lines[-1])
+
+
+def _check_address(address: str) -> None:
+    """Check that somebody listens at an address, which Ray would try for minutes.
+
+    Raises:
+        SpikelaneError: It is no address, or nobody does.
+    """
+    if address == _ANY:
+        return
+    host, colon, port = address.removeprefix(_CLIENT).rpartition(':')
+    if not (host and colon and port.isdecimal() and 0 < int(port) < 2**16):
+        raise SpikelaneError(
+            f'--address: expected HOST:PORT, {_CLIENT}HOST:PORT or {_ANY}, got {address!r}'
+        )
+    try:
+        socket.create_connection((host.strip('[]'), int(port)), _CONNECT_S).close()
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise SpikelaneError(
+            f'--address: expected a Ray cluster at {address}, got: {why}'
+        ) from None
 
 
 def do_in_process(folder: str, directory: str) -> int:

@@ -38,6 +38,9 @@ _LEFT, _RIGHT, _GAP = 0.075, 0.99, 0.02
 _ROWS = ((0.56, 0.34), (0.17, 0.34))  # bottom and height: of the error, of the laps
 _COLOURS = (style.RIGHT, style.LEFT, '#009e73', '#cc79a7')
 _MARKERS = 'osD^'
+_BESIDE_PT = 2.5  # from one controller's points to the next one's, which would cover them
+_MARGIN = 0.07  # beside the first and last value, of what is between them
+_ABOVE_MEANS = 1.6  # how high the errors' axis is, of the largest mean
 
 
 class Measured(NamedTuple):
@@ -111,6 +114,8 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
         SpikelaneError: There is nothing to draw, the path has another ending, or it cannot be
             written.
     """
+    from matplotlib.transforms import ScaledTranslation
+
     curves = robustness_curves(results)
     controllers = list(dict.fromkeys(name for found in curves.values() for name in found))
     looks: dict[str, dict[str, Any]] = {
@@ -119,7 +124,7 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
     }
     with style.settings():
         figure = style.new_figure(*_SIZE_IN)
-        style.write_title(figure, title, '95 % intervals')
+        style.write_title(figure, title, 'lines down and up: 95 % intervals, wide ones cut')
         width = (_RIGHT - _LEFT - _GAP * (len(curves) - 1)) / len(curves)
         shared: list[Axes | None] = [None, None]
         for index, (difficulty, by_controller) in enumerate(curves.items()):
@@ -130,15 +135,24 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
             ]
             shared = [*panels]
             for controller, curve in by_controller.items():
-                _draw_error(panels[0], curve, looks[controller])
-                _draw_completed(panels[1], curve, looks[controller])
+                beside_pt = _BESIDE_PT * (
+                    controllers.index(controller) - (len(controllers) - 1) / 2
+                )
+                for axes, draw in zip(panels, (_draw_error, _draw_completed), strict=True):
+                    moved = axes.transData + ScaledTranslation(
+                        beside_pt / 72, 0, figure.dpi_scale_trans
+                    )
+                    draw(axes, curve, {**looks[controller], 'transform': moved})
             panels[0].tick_params(labelbottom=False, labelleft=not index)
             panels[1].tick_params(labelleft=not index)
             panels[1].set_xlabel(DIFFICULTIES[difficulty])
-            # Where no lap was completed there is no error, and yet a place for it.
-            panels[0].set_xlim(panels[1].get_xlim())
+            # Also where no lap was completed there is a place for an error.
+            values = [each.value for curve in by_controller.values() for each in curve]
+            margin = _MARGIN * ((max(values) - min(values)) or 1.0)
+            for axes in panels:
+                axes.set_xlim(min(values) - margin, max(values) + margin)
         errors, completed = figure.axes[:2]
-        errors.set_ylim(bottom=0)
+        errors.set_ylim(0, _highest_m(curves))
         errors.set_ylabel('mean error of laps [m]')
         completed.set_ylim(-4, 104)
         completed.set_ylabel('laps completed [%]')
@@ -152,7 +166,7 @@ def _draw_error(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> None
     axes.plot(values, means, linewidth=1.2, markersize=4, **look)
     spread = [(x, error) for x, error in points if error['ci_low'] is not None]
     low, high = ([error[end] for _, error in spread] for end in ('ci_low', 'ci_high'))
-    axes.vlines([x for x, _ in spread], low, high, color=look['color'], linewidth=1.0)
+    _draw_intervals(axes, [x for x, _ in spread], low, high, look)
 
 
 def _draw_completed(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> None:
@@ -161,7 +175,29 @@ def _draw_completed(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> 
         [100 * each.completed[name] for each in curve] for name in ('share', 'ci_low', 'ci_high')
     )
     axes.plot(values, shares, linewidth=1.2, markersize=4, **look)
-    axes.vlines(values, low, high, color=look['color'], linewidth=1.0)
+    _draw_intervals(axes, values, low, high, look)
+
+
+def _draw_intervals(
+    axes: Axes, values: list[float], low: list[float], high: list[float], look: dict[str, Any]
+) -> None:
+    lines = {'color': look['color'], 'transform': look['transform'], 'linewidth': 1.0}
+    axes.vlines(values, low, high, **lines)
+
+
+def _highest_m(curves: Mapping[str, Mapping[str, list[Measured]]]) -> float | None:
+    """Return a top of the errors' axis that means fit below; None where there are none.
+
+    An interval of two laps can be ten times as wide as what it is of.
+    """
+    means = [
+        each.error_m['mean']
+        for found in curves.values()
+        for curve in found.values()
+        for each in curve
+        if each.error_m is not None
+    ]
+    return _ABOVE_MEANS * max(means) if means else None
 
 
 def _explain(figure: Figure, looks: Mapping[str, dict[str, Any]]) -> None:

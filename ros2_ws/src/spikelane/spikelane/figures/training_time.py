@@ -22,7 +22,8 @@ _PANELS = (
     (0.655, 'stable: no lane lost after, by\nR-STDP; three full episodes by DQN'),
 )
 _PANEL = 0.335
-_BAR_IN, _AROUND_IN = 0.42, 1.45
+_BAR_IN, _AROUND_IN = 0.5, 1.45
+_BAR = 0.5  # of a row's height
 
 
 class TrainingTimes(NamedTuple):
@@ -71,6 +72,7 @@ def draw_training_time(
             axes.xaxis.set_major_formatter('{x:,.0f}')
             axes.set_xlabel('steps of 50 ms')
             axes.set_yticks(range(len(groups)), list(groups) if index == 0 else [''] * len(groups))
+            axes.tick_params(axis='y', labelsize=style.SMALL_PT)
         return style.save(figure, path)
 
 
@@ -81,7 +83,7 @@ def _draw_bar(axes: Axes, row: int, values: Sequence[float | None], colour: str)
             0.02, row, 'X', color=colour, transform=axes.get_yaxis_transform(), clip_on=False
         )
         return
-    axes.barh(row, found['mean'], height=0.6, color=colour, alpha=0.85, linewidth=0)
+    axes.barh(row, found['mean'], height=_BAR, color=colour, alpha=0.85, linewidth=0)
     if found['std']:
         axes.errorbar(found['mean'], row, xerr=found['std'], color=style.INK, capsize=3)
     share = f'  {found["n"]} of {len(values)}'

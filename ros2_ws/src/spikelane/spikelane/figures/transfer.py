@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SIZE_IN = (7.0, 4.0)
-_AXES = (0.1, 0.13, 0.87, 0.74)
+_AXES = (0.1, 0.13, 0.84, 0.74)
 
 
 def draw_accuracy(
@@ -84,6 +85,8 @@ def draw_rates(
                 axes.plot(times_ms, values, line, color=colour, label=f'{layer}, {name}')
         axes.set_xscale('log')
         axes.set_yscale('log')
+        low, high = axes.get_ylim()
+        axes.set_ylim(10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high)))
         axes.set_xlabel('simulated time [ms]')
         axes.set_ylabel('root mean square [spikes per ms]')
         _explain(axes, 'lower left')

@@ -19,9 +19,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 import yaml
 
-from spikelane.executables import EXECUTABLES
+from spikelane.executables import executables
 from spikelane.nodes.lap import TOPICS
-from spikelane_controllers.registry import CONTROLLERS
+from spikelane_controllers.registry import controller_names, controller_packages
 from spikelane_controllers.weights import shipped_weights
 
 #: A busy machine may keep a recorder away for a second.
@@ -90,11 +90,17 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
 
 
 def controller_arguments(
-    controllers: Iterable[str] = CONTROLLERS, default: str = 'braitenberg'
+    controllers: Iterable[str] | None = None, default: str = 'braitenberg'
 ) -> list[DeclareLaunchArgument]:
-    """Declare which controller takes part, and with which parameters."""
+    """Declare which controller takes part, and with which parameters.
+
+    Args:
+        controllers: To choose from; None: all.
+        default: The usual one.
+    """
+    names = controller_names() if controllers is None else tuple(controllers)
     return [
-        argument('controller', 'What drives.', default, tuple(controllers)),
+        argument('controller', 'What drives.', default, names),
         argument(
             'controller_file', "The controller's parameters; empty: those of the package.", ''
         ),
@@ -136,13 +142,14 @@ def controller(
         listeners: Nodes that must hear the first answer.
         namespace: Of the node.
     """
-    shipped = _shipped('spikelane_controllers', name)
+    shipped = _shipped(controller_packages()[name], name)
     given = arguments.text('controller_file')
     course = f'scenario_{arguments.text("scenario")}'
     weights = {'checkpoint': course} if course in shipped_weights(name) and not given else {}
     both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
     depth = {'history_depth': _RECORDED_DEPTH} if arguments.is_true('record') else {}
-    file = _in_file(Path(given or shipped), name)
+    # Another package need not have a file of defaults.
+    file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
     return _node(name, namespace, [file, weights, both, depth, others])
 
 
@@ -213,7 +220,7 @@ def _end(node: Node) -> EmitEvent:
 
 def _node(name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]) -> Node:
     return Node(
-        package=EXECUTABLES[name],
+        package=executables()[name],
         executable=name,
         name=name,
         namespace=namespace,

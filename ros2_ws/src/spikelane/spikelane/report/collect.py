@@ -17,21 +17,27 @@ from typing import Any, NamedTuple
 from spikelane.dqn_results import first_solved
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.convergence import RateError
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import controller_class, CONTROLLERS
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.training import Termination
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.transfer import Measured, TransferParameters
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.files import FileError
 from spikelane_sim.parameters import Parameters
+from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 from spikelane_sim.simulator import SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
-_NO_VARIANT = ('course', 'episode.', 'learning', 'checkpoint', 'q_learning.device')
+_NO_VARIANT = ('course', 'learning', 'checkpoint', 'q_learning.device')
+_NO_VARIANT_GROUP = 'episode.'
 _RESULTS_FILE = 'results.json'
+
+#: Stands for the scenario of laps on one of many random courses.
+RANDOM_COURSES = 'random courses'
 
 
 class ReportError(SpikelaneError):
@@ -46,7 +52,8 @@ class _Run:
 
     Attributes:
         controller: Name in the controllers' registry.
-        scenario: Of the paper, '1' to '3', or a course file's name.
+        scenario: Of the paper, '1' to '3', or a course file's name; RANDOM_COURSES of laps of an
+            evaluation on many of them.
         seed: Of the run.
         setting: How its parameters differ from the paper's, in words; '' where they do not.
         folder: Where it is.
@@ -110,10 +117,37 @@ class TrainingRun(_Run):
         index = first_solved(list(self.terminations))
         return None if index is None else index + 1
 
+    @property
+    def solved_step(self) -> int | None:
+        """Step by which these three episodes have ended, as the controller's training counts."""
+        first = self.solved_episode
+        return None if first is None else self.terminations[first + 1].step
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class TransferRun(_Run):
     """The transfer of a policy to a spiking network."""
+
+    @property
+    def curve(self) -> list[Measured]:
+        """Accuracy over the training."""
+        facts = read_checkpoint(self.folder, self.controller).facts
+        return [Measured(*each) for each in facts['curve']]
+
+    @property
+    def rates(self) -> dict[str, list[RateError]]:
+        """Differences of rates from activations, by how neurons are reset."""
+        return {
+            name: [RateError(**each) for each in errors]
+            for name, errors in self.metrics['rates'].items()
+        }
+
+
+class Conditions(NamedTuple):
+    """The results of an experiment with conditions."""
+
+    folder: Path
+    results: Mapping[str, Any]
 
 
 class LeftOut(NamedTuple):
@@ -130,11 +164,16 @@ class Runs:
     laps: list[Lap] = dataclasses.field(default_factory=list)
     trainings: list[TrainingRun] = dataclasses.field(default_factory=list)
     transfers: list[TransferRun] = dataclasses.field(default_factory=list)
+    conditions: list[Conditions] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
 
     def __len__(self) -> int:
         """Return the number of runs that can be used."""
-        return len(self.laps) + len(self.trainings) + len(self.transfers)
+        return len(self.all())
+
+    def all(self) -> list[Lap | TrainingRun | TransferRun]:
+        """Return every run that can be used."""
+        return [*self.trainings, *self.transfers, *self.laps]
 
 
 def collect(paths: Sequence[Path]) -> Runs:
@@ -155,11 +194,39 @@ def collect(paths: Sequence[Path]) -> Runs:
             if folder.resolve() not in seen:
                 seen.add(folder.resolve())
                 _add(runs, folder)
+    for found in (runs.laps, runs.trainings, runs.transfers):
+        runs.left_out.extend(_without_copies(found))
     if not runs:
         why = f' ({runs.left_out[0].what}: {runs.left_out[0].why})' if runs.left_out else ''
         names = ', '.join(map(str, paths))
         raise ReportError(f'{names}: expected finished runs, got none{why}')
     return runs
+
+
+def _without_copies(runs: list[Any]) -> Iterator[LeftOut]:
+    """Take out, and yield, what is a copy of another: the same seed and setting, and outcome.
+
+    Else one run would count as two of a group.
+    """
+    firsts: dict[str, Path] = {}
+    for run in tuple(runs):
+        first = firsts.setdefault(_outcome(run), run.folder)
+        if first != run.folder:
+            runs.remove(run)
+            yield LeftOut(str(run.folder), f'the same as {first}, and counted once')
+
+
+def _outcome(run: Lap | TrainingRun | TransferRun) -> str:
+    """Return what two runs that are not copies of one differ in."""
+    parts: list[Any] = [run.controller, run.scenario, run.setting, run.seed]
+    if isinstance(run, Lap):
+        names = ('steps', 'mean_abs_distance_m', 'max_abs_distance_m')
+        parts += [run.lane, run.config['scenario'], *(run.metrics.get(name) for name in names)]
+    elif isinstance(run, TrainingRun):
+        parts += [run.steps, run.terminations, run.outcomes]
+    else:
+        parts += [run.metrics[name] for name in ('states', 'accuracy', 'maximum')]
+    return json.dumps(parts)
 
 
 def _folders(path: Path) -> Iterator[Path]:
@@ -182,7 +249,7 @@ def _add(runs: Runs, folder: Path) -> None:
         elif (folder / 'checkpoint.safetensors').exists():
             runs.trainings.append(_training_of_checkpoint(folder))
         else:
-            runs.left_out.extend(_failed(folder))
+            _add_experiment(runs, folder)
     except (SpikelaneError, KeyError, TypeError, ValueError) as error:
         why = f'not a run of this version: {error!r}'
         why = str(error) if isinstance(error, SpikelaneError) else why
@@ -192,14 +259,16 @@ def _add(runs: Runs, folder: Path) -> None:
 def _add_run(runs: Runs, folder: Path) -> None:
     import yaml
 
+    # LibYAML reads many files in a fraction of the time, where PyYAML has it.
+    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
     try:
-        config = yaml.safe_load((folder / 'config.yaml').read_text('utf-8'))
+        config = yaml.load((folder / 'config.yaml').read_text('utf-8'), loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise FileError(f'config.yaml cannot be read: {error}') from None
     if not isinstance(config, Mapping):
         raise FileError('config.yaml: expected names and values')
     if not (folder / 'metrics.json').exists():
-        raise FileError('not finished: no metrics.json')
+        raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
     metrics = RunFolder(folder).read_metrics()
     if 'transfer' not in config:
         controller_class(str(config.get('controller')))  # that there is one
@@ -215,12 +284,27 @@ def _add_run(runs: Runs, folder: Path) -> None:
         raise FileError('config.yaml: expected a lap, an evaluation, a training or a transfer')
 
 
+def _how_far(folder: Path, config: Mapping[str, Any]) -> str:
+    """Say how far a training is that is not finished, where its checkpoint tells."""
+    steps = config.get('training', {}).get('steps')
+    try:
+        done = read_checkpoint(folder, str(config.get('controller'))).facts.get('steps')
+    except CheckpointError:
+        return ''
+    return '' if steps is None or done is None else f', at step {done:,} of {steps:,}'
+
+
 def _lap(
-    folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any], lane: str, seed: int
+    folder: Path,
+    config: Mapping[str, Any],
+    metrics: Mapping[str, Any],
+    lane: str,
+    seed: int,
+    scenario: str = '',
 ) -> Lap:
     return Lap(
         controller=config['controller'],
-        scenario=_scenario(config),
+        scenario=scenario or _scenario(config),
         seed=seed,
         setting=_setting(config),
         folder=folder,
@@ -235,12 +319,16 @@ def _evaluated(
 ) -> Iterator[Lap]:
     """Yield an evaluation's laps; each has a folder of its own."""
     several = len({row['course'] for row in metrics['laps']}) > 1
+    given = bool(config['evaluation'].get('courses')) or several
     names = sorted(path.parent.name for path in RunFolder(folder).laps.glob('*/metrics.json'))
     for name in names:
         path = RunFolder(folder).laps / name
         row = RunFolder(path).read_metrics()
-        where = {**config, 'scenario': row['course']} if several else config
-        yield _lap(path, where, row, row['lane'], row['seed'])
+        own = {'scenario': row['course'], 'evaluated_for': config['scenario']}
+        where = {**config, **own} if given else config
+        is_one_of_many = several and row['course'].startswith(RANDOM_PREFIX)
+        scenario = RANDOM_COURSES if is_one_of_many else ''
+        yield _lap(path, where, row, row['lane'], row['seed'], scenario)
 
 
 def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TrainingRun:
@@ -261,7 +349,7 @@ def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
 
 def _training_of_checkpoint(folder: Path) -> TrainingRun:
     """Return a training of which only its checkpoint was kept."""
-    for name in CONTROLLERS:
+    for name in controller_names():
         try:
             facts = read_checkpoint(folder, name).facts
         except CheckpointError:
@@ -272,6 +360,9 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
+    for name in ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates'):
+        if name not in metrics:
+            raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
     return TransferRun(
         controller='dqn_snn',
         scenario=_scenario(config),
@@ -283,17 +374,20 @@ def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
     )
 
 
-def _failed(folder: Path) -> list[LeftOut]:
-    """Return the runs of an experiment that came to nothing."""
+def _add_experiment(runs: Runs, folder: Path) -> None:
+    """Add an experiment's conditions, and name those of its runs that came to nothing."""
     try:
-        listed = json.loads((folder / _RESULTS_FILE).read_text('utf-8'))['runs']
+        results = json.loads((folder / _RESULTS_FILE).read_text('utf-8'))
+        listed = results['runs']
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FileError(f'{_RESULTS_FILE} cannot be read: {error!r}') from None
-    return [
+    runs.left_out.extend(
         LeftOut(f'{folder}: {run["name"]}', run['message'])
         for run in listed
         if run['state'] == 'failed'
-    ]
+    )
+    if any(group.get('conditions') for group in results.get('groups', ())):
+        runs.conditions.append(Conditions(folder, results))
 
 
 def _scenario(config: Mapping[str, Any]) -> str:
@@ -312,19 +406,25 @@ def _setting(config: Mapping[str, Any]) -> str:
         if learnt is None:
             parts.append(f'weights of {weights}')
         else:
-            other = [f'{name} {value}' for name, value in learnt if own.get(name) != value]
+            where, variant = learnt
+            other = [f'{name} {value}' for name, value in variant if own.get(name) != value]
             parts.extend(['learnt with ' + ', '.join(other)] if other else [])
+            if where and where != _scenario(config):
+                parts.append(f'learnt in scenario {where}')
     return '; '.join(parts)
 
 
 @functools.lru_cache(maxsize=1000)
-def _learnt_with(controller: str, checkpoint: str) -> tuple[tuple[str, Any], ...] | None:
-    """Return the variant that weights were learnt in, None where they are not there."""
+def _learnt_with(
+    controller: str, checkpoint: str
+) -> tuple[str, tuple[tuple[str, Any], ...]] | None:
+    """Return the scenario and variant that weights were learnt in, None where they are gone."""
     try:
-        config = read_checkpoint(find_checkpoint(controller, checkpoint), controller).facts
-        return tuple(_variant(config.get('config', {})).items())
+        facts = read_checkpoint(find_checkpoint(controller, checkpoint), controller).facts
     except CheckpointError:
         return None
+    config = facts.get('config', {})
+    return _scenario(config) if 'scenario' in config else '', tuple(_variant(config).items())
 
 
 def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -336,7 +436,7 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
     for group, values in config.items():
         if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
             for name, value in usual.items():
-                counts = not name.startswith(_NO_VARIANT)
+                counts = name not in _NO_VARIANT and not name.startswith(_NO_VARIANT_GROUP)
                 if counts and name in values and values[name] != value:
                     found[name] = values[name]
     return found
@@ -350,7 +450,8 @@ def _defaults(group: str) -> dict[str, Any] | None:
         'gathering': GatheringParameters,
         'transfer': TransferParameters,
     }
-    cls = controller_class(group).parameters_class if group in CONTROLLERS else others.get(group)
+    is_controller = group in controller_names()
+    cls = controller_class(group).parameters_class if is_controller else others.get(group)
     if cls is None:
         return None
     plain: dict[str, Any] = json.loads(json.dumps(cls().to_dict(), default=list))

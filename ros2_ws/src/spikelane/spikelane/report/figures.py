@@ -9,30 +9,48 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import functools
 import math
 from pathlib import Path
+import textwrap
 from types import SimpleNamespace
 from typing import Any, cast, NamedTuple
 import zlib
 
 from spikelane.figures import style
-from spikelane.report.collect import Lap, LeftOut, Runs, TrainingRun
-from spikelane.report.tables import by_key, Key, ORDER, PAPER_LANE, shown_name
+from spikelane.report.collect import (
+    Conditions,
+    Lap,
+    LeftOut,
+    RANDOM_COURSES,
+    Runs,
+    TrainingRun,
+    TransferRun,
+)
+from spikelane.report.paper import paper_value
+from spikelane.report.tables import by_key, Key, ORDER, PAPER_LANE, seeds_in_words, shown_name
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.registry import training_class
+from spikelane_controllers.states import read_states
 from spikelane_controllers.training import LearningController, PlasticTraining, Training
 from spikelane_controllers.weights import WEIGHTS
 from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.encoding import EncodingParameters, StateImageParameters
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.files import FileError
 from spikelane_sim.task import DecisionParameters
 
-#: Drives in one comparison; more cannot be told apart.
-_MOST_DRIVES = 8
+#: Drives in one comparison; more do not fit on a screen together.
+_MOST_DRIVES = 4
+
+#: Comparisons for a scenario and lane; an experiment can have dozens of settings.
+_MOST_COMPARISONS = 3
+
+#: Other courses than the paper's that are compared on.
+_MOST_OTHER_COURSES = 3
+
+PAPER_SCENARIOS = ('1', '2', '3')
 
 #: Letters of a setting that there is room for.
-_ROW_LETTERS, _BAR_LETTERS, _FILE_LETTERS = 100, 40, 60
+_ROW_LETTERS, _BAR_LETTERS, _BAR_LINES, _FILE_LETTERS = 100, 44, 2, 60
 
 
 class Drawn(NamedTuple):
@@ -63,9 +81,6 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
 
     Returns:
         The figures in the order of the page, and what could not be drawn.
-
-    Raises:
-        FileError: A file cannot be written.
     """
     drawn: list[Drawn] = []
     left_out: list[LeftOut] = []
@@ -73,8 +88,6 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
         show(each.name)
         try:
             drawn.append(Drawn(each.heading, each.caption, each.draw()))
-        except FileError:
-            raise  # no figure could be written then
         except SpikelaneError as error:
             left_out.append(LeftOut(each.caption, str(error)))
         except KeyError as error:
@@ -94,13 +107,17 @@ class _Figure(NamedTuple):
 def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
     """Yield the figures in the paper's order."""
     yield from _of_the_task(folder)
-    chosen = _representative_laps(runs.laps)
+    chosen = representative_laps(runs.laps)
     yield from _of_a_lap(chosen, folder)
     yield from _of_trainings(runs.trainings, folder)
+    yield from _of_transfers(runs.transfers, folder)
     yield from _braitenberg(folder)
-    yield from _comparisons(chosen, folder)
+    for comparison in comparisons(chosen):
+        yield _compared(comparison, chosen, runs.laps, folder)
     if runs.trainings:
         yield _training_time(runs.trainings, folder)
+    for number, conditions in enumerate(runs.conditions):
+        yield _robustness(conditions, number, folder)
 
 
 def _of_the_task(folder: Path) -> Iterator[_Figure]:
@@ -115,7 +132,7 @@ def _of_the_task(folder: Path) -> Iterator[_Figure]:
     yield _Figure('Task', 'rewards', caption, lambda: draw_rewards(folder / 'rewards', 'Rewards'))
 
 
-def _of_a_lap(chosen: Mapping[Key, Lap], folder: Path) -> Iterator[_Figure]:
+def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
     """Yield what is drawn of one lap with what its camera saw, in the first scenario there is."""
     from spikelane.figures.animation import draw_animation
     from spikelane.figures.state_input import draw_state_input
@@ -124,8 +141,10 @@ def _of_a_lap(chosen: Mapping[Key, Lap], folder: Path) -> Iterator[_Figure]:
     best = [lap for lap in chosen.values() if lap.metrics['completed']] or [*chosen.values()]
     if not best:
         return
-    of_first = [lap for lap in best if lap.scenario == best[0].scenario]
-    lap = of_first[-1]  # of the last controller in the paper's order
+    best = [lap for lap in best if lap.scenario == best[0].scenario]
+    best = [lap for lap in best if lap.lane == PAPER_LANE] or best
+    best = [lap for lap in best if not lap.setting] or best  # the paper's
+    lap = best[-1]  # of the last controller in the paper's order
     words = f'{_words(lap)}, {lap.lane} lane, seed {lap.seed}'
 
     @functools.cache  # both figures are of the same drive
@@ -148,6 +167,7 @@ def _of_a_lap(chosen: Mapping[Key, Lap], folder: Path) -> Iterator[_Figure]:
 
 def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_Figure]:
     from spikelane.figures.episodes import draw_episodes
+    from spikelane.figures.state_images import draw_state_images
     from spikelane.figures.terminations import draw_terminations
     from spikelane.figures.weights import draw_weights
 
@@ -163,9 +183,15 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
                     cast(Any, _past(run)), lanes, folder / f'{stem}_training', _title(run)
                 )
 
-            yield _Figure(
-                'DQN training', f'{stem}_training', f'Episodes and rewards, {words}', draw
-            )
+            def draw_states(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
+                states = read_states(run.folder)
+                if not len(states):
+                    raise SpikelaneError(f'{run.folder}: expected states met, got none')
+                return draw_state_images(states, folder / f'{stem}_states', _title(run))
+
+            heading = 'DQN training'
+            yield _Figure(heading, f'{stem}_training', f'Episodes and rewards, {words}', draw)
+            yield _Figure(heading, f'{stem}_states', f'States met, {words}', draw_states)
         elif key.controller == 'rstdp':
 
             def draw_learnt(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
@@ -195,26 +221,141 @@ def _braitenberg(folder: Path) -> Iterator[_Figure]:
     yield _Figure('Braitenberg controller', 'braitenberg_weights', caption, draw)
 
 
-def _comparisons(chosen: Mapping[Key, Lap], folder: Path) -> Iterator[_Figure]:
-    """Yield a comparison for each scenario."""
-    from spikelane.figures.comparison import draw_comparison
+def _of_transfers(transfers: Sequence[TransferRun], folder: Path) -> Iterator[_Figure]:
+    """Yield how the network learnt, and how its rates approach the activations."""
+    from spikelane.figures.transfer import draw_accuracy, draw_rates
 
-    for scenario in dict.fromkeys(key.scenario for key in chosen):
-        laps = [lap for key, lap in chosen.items() if key.scenario == scenario][:_MOST_DRIVES]
-        name = f'deviation_scenario_{_plain(scenario)}'
+    for key, group in by_key(transfers).items():
+        run = _median(group, lambda each: float(each.metrics['accuracy']))
+        stem = f'transfer_{_file_name(key)}'
+        words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
 
-        def draw(laps: Sequence[Lap] = laps, name: str = name) -> tuple[Path, ...]:
-            labels = _distinct([_label(lap) for lap in laps])
-            drives = {label: first_lap_of(lap) for label, lap in zip(labels, laps, strict=True)}
-            return draw_comparison(
-                drives, _course(laps[0]), folder / name, f'Scenario {laps[0].scenario}'
+        def draw_curve(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
+            paper = paper_value('dqn_snn', run.scenario, 'accuracy')
+            return draw_accuracy(
+                run.curve, folder / f'{stem}_accuracy', _title(run), paper and paper.value
             )
 
-        lanes = ', '.join(dict.fromkeys(f'{lap.lane} lane' for lap in laps))
-        caption = (
-            f'Deviation over the first lap, scenario {scenario}, {lanes}; of each the median seed'
-        )
-        yield _Figure('Laps', name, caption, draw)
+        def draw_convergence(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
+            return draw_rates(run.rates, folder / f'{stem}_rates', _title(run))
+
+        caption = f'Accuracy over the training of the network, {words}'
+        yield _Figure('Transfer', f'{stem}_accuracy', caption, draw_curve)
+        caption = f'Firing rates against activations over the simulated time, {words}'
+        yield _Figure('Transfer', f'{stem}_rates', caption, draw_convergence)
+
+
+class Comparison(NamedTuple):
+    """Drives that one figure compares, one of each group.
+
+    Attributes:
+        scenario: All are of.
+        lane: All are of.
+        number: Of the figures of this scenario and lane, from 1.
+        of: How many these are.
+        keys: Of the groups.
+    """
+
+    scenario: str
+    lane: str
+    number: int
+    of: int
+    keys: tuple[Key, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the figure's files."""
+        lane = '' if self.lane == PAPER_LANE else f'_{_plain(self.lane)}'
+        part = '' if self.number == 1 else f'_{self.number}'
+        return f'deviation_scenario_{_plain(self.scenario)}{lane}{part}'
+
+
+def comparisons(chosen: Mapping[Place, Lap]) -> list[Comparison]:
+    """Lay out which drives are compared with which.
+
+    In the first figure of a scenario and lane are the paper's settings, or what comes nearest:
+    of each controller its first group, the paper's setting before others; then the others, as
+    many as there are figures for.
+    """
+    found = []
+    for scenario, lane in _compared_places(chosen):
+        keys = [
+            place.key for place in chosen if (place.key.scenario, place.lane) == (scenario, lane)
+        ]
+        first = list({key.controller: key for key in reversed(keys)}.values())[::-1]
+        rest = [key for key in keys if key not in first]
+        parts = [
+            tuple(some[start : start + _MOST_DRIVES])
+            for some in (first, rest)
+            for start in range(0, len(some), _MOST_DRIVES)
+        ][:_MOST_COMPARISONS]
+        found += [
+            Comparison(scenario, lane, number, len(parts), part)
+            for number, part in enumerate(parts, 1)
+        ]
+    return found
+
+
+def _compared_places(chosen: Mapping[Place, Lap]) -> list[tuple[str, str]]:
+    """Return the scenarios and lanes compared on; of others than the paper's only the first."""
+    places = dict.fromkeys((place.key.scenario, place.lane) for place in chosen)
+    # The paper's lane before the other, whichever was driven first.
+    ordered = sorted(places, key=lambda each: (each[0], each[1] != PAPER_LANE))
+    others = list(dict.fromkeys(s for s, _ in ordered if s not in PAPER_SCENARIOS))
+    # Each lap of these is on a course of its own.
+    others = [scenario for scenario in others if scenario != RANDOM_COURSES]
+    shown = (*PAPER_SCENARIOS, *others[:_MOST_OTHER_COURSES])
+    return [each for each in ordered if each[0] in shown]
+
+
+def _compared(
+    comparison: Comparison, chosen: Mapping[Place, Lap], laps: Sequence[Lap], folder: Path
+) -> _Figure:
+    from spikelane.figures.comparison import draw_comparison
+
+    scenario, lane, number, of, keys = comparison
+    shown = [chosen[Place(key, lane)] for key in keys]
+
+    def draw() -> tuple[Path, ...]:
+        labels = _distinct([_label(lap) for lap in shown])
+        drives = {label: first_lap_of(lap) for label, lap in zip(labels, shown, strict=True)}
+        title = f'Scenario {scenario}, {lane} lane'
+        return draw_comparison(drives, _course(shown[0]), folder / comparison.name, title)
+
+    part = f', {number} of {of}' if of > 1 else ''
+    seeds = '; '.join(
+        _which(lap, [each for each in laps if Place.of(each) == Place(key, lane)])
+        for key, lap in zip(keys, shown, strict=True)
+    )
+    caption = f'Deviation over the first lap, scenario {scenario}, {lane} lane{part}. {seeds}'
+    return _Figure('Laps', comparison.name, caption, draw)
+
+
+def _which(lap: Lap, group: Sequence[Lap]) -> str:
+    """Say which drive of a group is shown, and which are not."""
+    setting = f' ({_cut(lap.setting, _ROW_LETTERS)})' if lap.setting else ''
+    words = f'{shown_name(lap.controller)}{setting}: seed {lap.seed}'
+    others = [each for each in group if each is not lap]
+    if not others:
+        return f'{words}, the only one'
+    done = sum(bool(each.metrics['completed']) for each in group)
+    of = 'all' if done == len(group) else f'the {done} of {len(group)}'
+    of = f'{of} that completed it' if done else f'all {len(group)}, of which none completed it'
+    seeds = seeds_in_words([each.seed for each in others])
+    return f'{words}, of median error of {of}; not shown: {len(others)} of seeds {seeds}'
+
+
+def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
+    from spikelane.figures.robustness import draw_robustness
+
+    title = str(conditions.results.get('name', 'Robustness')).capitalize()
+    name = 'robustness' if number == 0 else f'robustness_{number + 1}'
+    return _Figure(
+        'Robustness',
+        name,
+        f'Error and share of laps completed under difficulties: {conditions.folder}',
+        lambda: draw_robustness(conditions.results, folder / name, title),
+    )
 
 
 def first_lap_of(lap: Lap) -> Trajectory:
@@ -248,7 +389,7 @@ def _missing(runs: Runs) -> Iterator[LeftOut]:
     """Name the paper's figures that no run was there for."""
     trained = {(run.controller, run.scenario) for run in runs.trainings}
     driven = {(lap.controller, lap.scenario) for lap in runs.laps if lap.lane == PAPER_LANE}
-    for scenario in ('1', '2', '3'):
+    for scenario in PAPER_SCENARIOS:
         for controller in ('dqn', 'rstdp'):
             if (controller, scenario) not in trained:
                 what = f'{shown_name(controller)} training, scenario {scenario}'
@@ -258,18 +399,57 @@ def _missing(runs: Runs) -> Iterator[LeftOut]:
             if (controller, scenario) not in driven:
                 what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
                 yield LeftOut(what, 'no run among these')
+    for scenario in ('1', '2'):
+        if not any(run.scenario == scenario for run in runs.transfers):
+            yield LeftOut(f'Transfer to DQN-SNN, scenario {scenario}', 'no run among these')
+    if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
+        why = 'counted of laps driven in one process, of which none is among these'
+        yield LeftOut('Operations for a decision', why)
+    yield from _not_compared(runs.laps)
     if not runs.laps:
         yield LeftOut('State input and animation of a lap', 'no lap among these runs')
 
 
-def _representative_laps(laps: Iterable[Lap]) -> dict[Key, Lap]:
-    """Return a lap of each group: on the paper's lane, completed, of median error."""
+def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
+    """Name the courses and settings that no comparison is drawn of."""
+    chosen = representative_laps(laps)
+    shown = {Place(key, each.lane) for each in comparisons(chosen) for key in each.keys}
+    scenarios = {place.key.scenario for place in shown}
+    others = list(dict.fromkeys(lap.scenario for lap in laps if lap.scenario not in scenarios))
+    if RANDOM_COURSES in others:
+        others.remove(RANDOM_COURSES)
+        yield LeftOut('Deviation on random courses', 'each lap is on a course of its own')
+    if others:
+        why = f"{_MOST_OTHER_COURSES} courses beside the paper's are drawn"
+        yield LeftOut(f'Deviation on {", ".join(others)}', why)
+    for place in chosen:
+        if place not in shown and place.key.scenario in scenarios:
+            why = f'{_MOST_COMPARISONS} figures for a scenario and lane; the table has it'
+            yield LeftOut(f'Deviation, {place.key.words}, {place.lane} lane', why)
+
+
+class Place(NamedTuple):
+    """Where drives are laid together: those of one group on one lane."""
+
+    key: Key
+    lane: str
+
+    @classmethod
+    def of(cls, lap: Lap) -> Place:
+        """Return that of a lap."""
+        return cls(Key(lap.controller, lap.scenario, lap.setting), lap.lane)
+
+
+def representative_laps(laps: Iterable[Lap]) -> dict[Place, Lap]:
+    """Return a lap of each group and lane: completed, of median error."""
     chosen = {}
     for key, group in by_key(laps).items():
-        lane = PAPER_LANE if any(lap.lane == PAPER_LANE for lap in group) else group[0].lane
-        on_lane = [lap for lap in group if lap.lane == lane]
-        done = [lap for lap in on_lane if lap.metrics['completed']] or on_lane
-        chosen[key] = _median(done, lambda lap: float(lap.metrics['mean_abs_distance_m']))
+        for lane in dict.fromkeys(lap.lane for lap in group):
+            on_lane = [lap for lap in group if lap.lane == lane]
+            done = [lap for lap in on_lane if lap.metrics['completed']] or on_lane
+            chosen[Place(key, lane)] = _median(
+                done, lambda lap: float(lap.metrics['mean_abs_distance_m'])
+            )
     return chosen
 
 
@@ -348,7 +528,7 @@ def _encoding(run: TrainingRun) -> EncodingParameters:
     return EncodingParameters.from_mapping(values, 'encoding')
 
 
-def _title(run: Lap | TrainingRun) -> str:
+def _title(run: Lap | TrainingRun | TransferRun) -> str:
     return f'{shown_name(run.controller)}, scenario {run.scenario}, seed {run.seed}'
 
 
@@ -365,7 +545,15 @@ def _label(lap: Lap) -> str:
 def _short(key: Key) -> str:
     """Return a group in words that fit beside its bar in a figure."""
     name = f'{shown_name(key.controller)}, scenario {key.scenario}'
-    return f'{name}\n{_cut(key.setting, _BAR_LETTERS)}' if key.setting else name
+    return '\n'.join([name, *_wrapped(key.setting)])
+
+
+def _wrapped(setting: str) -> list[str]:
+    """Return a setting in the lines that there is room for beside a bar."""
+    lines = textwrap.wrap(setting, _BAR_LETTERS)
+    if len(lines) <= _BAR_LINES:
+        return lines
+    return [*lines[: _BAR_LINES - 1], _cut(' '.join(lines[_BAR_LINES - 1 :]), _BAR_LETTERS)]
 
 
 def _cut(text: str, letters: int) -> str:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-import json
 from pathlib import Path
 import shlex
 from typing import Any
 
 from spikelane.report.collect import collect, LeftOut, Runs
 from spikelane.report.figures import draw_figures, Drawn, Show
+from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.tables import all_tables, Table
+from spikelane.run_folder import versions
 from spikelane_sim.files import write_json, write_text_atomically
 
 PAGE = 'report.html'
@@ -31,7 +32,8 @@ def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -
 
     Returns:
         Where everything is, ready for JSON: `page`, `note`, `runs` (how many), `tables` (as
-        written into `report.json`), `figures` and `left_out`.
+        written into `report.json`), `commands` that made the runs, `made_with` (versions and
+        machines), `figures` and `left_out`.
 
     Raises:
         ReportError: There is nothing to report on.
@@ -41,14 +43,18 @@ def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -
     runs = collect(paths)
     tables = all_tables(runs)
     figures, not_drawn = draw_figures(runs, out / 'figures', show)
-    left_out = [*runs.left_out, *not_drawn]
+    commands, not_told = all_commands(runs)
+    left_out = [*runs.left_out, *not_drawn, *not_told]
     command = shlex.join(['./spikelane', 'report', *map(str, paths)])
-    write_text_atomically(out / PAGE, _page(runs, tables, figures, left_out, command, note))
+    page = _page(runs, tables, figures, commands, left_out, command, note)
+    write_text_atomically(out / PAGE, page)
     result = {
         'page': str(out / PAGE),
         'note': note,
         'runs': len(runs),
         'tables': [table._asdict() for table in tables],
+        'commands': [each._asdict() for each in commands],
+        'made_with': [each._asdict() for each in made_with(runs)],
         'figures': [str(file) for figure in figures for file in figure.files],
         'left_out': [each._asdict() for each in left_out],
     }
@@ -60,6 +66,7 @@ def _page(
     runs: Runs,
     tables: Sequence[Table],
     figures: Sequence[Drawn],
+    commands: Sequence[Commands],
     left_out: Sequence[LeftOut],
     command: str,
     note: str,
@@ -80,10 +87,13 @@ def _page(
         runs=runs,
         tables=tables,
         parts=parts,
+        commands=commands,
         left_out=left_out,
         command=command,
         note=note,
-        versions=_versions(runs),
+        commit=versions()['commit'] or NOT_RECORDED,
+        machine=versions()['machine'],
+        made_with=made_with(runs),
     )
 
 
@@ -102,16 +112,3 @@ def _embedded(figure: Drawn) -> dict[str, str | None]:
 def _data(file: Path) -> str:
     content = base64.b64encode(file.read_bytes()).decode('ascii')
     return f'data:{_KINDS[file.suffix]};base64,{content}'
-
-
-def _versions(runs: Runs) -> list[str]:
-    """Return the versions that the runs were made with, each set once."""
-    found = []
-    for run in (*runs.laps, *runs.trainings, *runs.transfers):
-        versions = run.config.get('versions')
-        if isinstance(versions, dict):
-            found.append(json.dumps({name: v for name, v in versions.items() if v}))
-    return [
-        ', '.join(f'{name} {version}' for name, version in json.loads(each).items())
-        for each in dict.fromkeys(found)
-    ]

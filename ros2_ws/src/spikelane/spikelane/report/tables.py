@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import re
 from typing import Any, NamedTuple, TypeVar
 
-from spikelane.report.collect import Lap, Runs, TrainingRun
+from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value
 from spikelane.statistics import mean_statistics, share_statistics
+from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
 
 #: Order of the controllers, the paper's.
@@ -15,6 +17,9 @@ ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
 _NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
 
 _NOTHING = '—'
+
+#: Simulated times that rates are told after: the paper's 10 ms for each step, and long.
+_RATE_TIMES_MS = (10, 1000)
 
 #: The lane on which the paper compares controllers.
 PAPER_LANE = 'outer'
@@ -47,6 +52,7 @@ def _percent(value: float) -> str:
 MEASURES = {
     'last_lane_loss_step': Measure('step of the last lane loss of those that settled', _count),
     'solved_episode': Measure('first of three full episodes in a row', _count),
+    'solved_step': Measure('action step at the end of these three', _count),
     'accuracy': Measure("accuracy on the policy's states", _percent),
     'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', _metres),
     'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', _count),
@@ -88,10 +94,12 @@ def shown_name(controller: str) -> str:
     return _NAMES.get(controller, controller)
 
 
-def _place(key: Key) -> tuple[str, int, str, str]:
-    """Return what groups are sorted by."""
+def _place(key: Key) -> tuple[str, int, str, list[tuple[float, str]]]:
+    """Return what groups are sorted by; numbers in a setting by their value."""
     known = ORDER.index(key.controller) if key.controller in ORDER else len(ORDER)
-    return key.scenario, known, key.controller, key.setting
+    parts = re.split(r'(\d+(?:\.\d+)?)', key.setting)
+    setting = [(float(part), '') if part[:1].isdigit() else (-1.0, part) for part in parts]
+    return key.scenario, known, key.controller, setting
 
 
 R = TypeVar('R', bound=Any)
@@ -109,7 +117,13 @@ def by_key(runs: Iterable[R]) -> dict[Key, list[R]]:
 
 def all_tables(runs: Runs) -> list[Table]:
     """Return the tables that these runs have something to say in."""
-    tables = (_against_paper(runs), _of_laps(runs.laps), _of_trainings(runs.trainings))
+    tables = (
+        _against_paper(runs),
+        _of_laps(runs.laps),
+        _of_trainings(runs.trainings),
+        _of_transfers(runs.transfers),
+        _of_operations(runs.laps),
+    )
     return [table for table in tables if table.rows]
 
 
@@ -149,6 +163,7 @@ def _values(runs: Runs) -> dict[str, dict[Key, list[tuple[int, float | None]]]]:
         'lap_steps': _of(laps, lap_steps),
         'last_lane_loss_step': _of(plastic, _if_settled),
         'solved_episode': _of(deep, lambda run: run.solved_episode),
+        'solved_step': _of(deep, lambda run: run.solved_step),
         'accuracy': _of(transfers, lambda run: float(run.metrics['accuracy'])),
     }
 
@@ -242,6 +257,90 @@ def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
         _median([run.last_lane_loss_step for run in runs], _count),
         f'{sum(run.has_settled for run in runs)} of {len(runs)}',
         seeds_in_words([run.seed for run in runs]),
+    )
+
+
+def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
+    rows = [_row_of_transfers(key, group) for key, group in by_key(transfers).items()]
+    short, long = (f'{milliseconds:,} ms' for milliseconds in _RATE_TIMES_MS)
+    return Table(
+        'Transfers',
+        'Accuracy: share of states with the action of the Q-network. Agreement: share of states '
+        'with most output spikes for the action of the network with activations, after that '
+        'simulated time from rest, potentials reset to 0. Difference: between rates and '
+        'activations of the output neurons, root mean square.',
+        ('scenario', 'setting', 'states', 'accuracy: held out, mean ± s (95 %)', 'median (range)')
+        + ('accuracy: trained with', f'agreement after {short}', f'after {long}')
+        + (f'difference after {short} [spikes/ms]', f'after {long} [spikes/ms]', 'seeds'),
+        rows,
+    )
+
+
+def _row_of_transfers(key: Key, runs: Sequence[TransferRun]) -> tuple[str, ...]:
+    held_out = [float(run.metrics['accuracy']) for run in runs]
+    rates = [
+        _mean([value for run in runs if (value := _rate(run, name, time_ms)) is not None], show)
+        for name, show in (('agreement', _percent), ('output', lambda value: f'{value:.4f}'))
+        for time_ms in _RATE_TIMES_MS
+    ]
+    return (
+        key.scenario,
+        key.setting or "the paper's",
+        _median([run.metrics['states'] for run in runs], _count),
+        _mean(held_out, _percent),
+        _median(held_out, _percent),
+        _mean([float(run.metrics['training_accuracy']) for run in runs], _percent),
+        *rates,
+        seeds_in_words([run.seed for run in runs]),
+    )
+
+
+def _rate(run: TransferRun, name: str, time_ms: int) -> float | None:
+    """Return what was measured after some simulated time, None where it was not."""
+    errors = run.metrics.get('rates', {}).get('reset to 0', ())
+    return next((each[name] for each in errors if each['simulated_ms'] == time_ms), None)
+
+
+def _of_operations(laps: Sequence[Lap]) -> Table:
+    counted = by_key(lap for lap in laps if lap.metrics.get('operations'))
+    rows = [_row_of_operations(key, group) for key, group in counted.items()]
+    return Table(
+        'Operations for a decision',
+        'A stand-in for energy: a spike counts at each synapse that it reaches, a '
+        'multiply-accumulate is a weight of a layer whose inputs are numbers; in brackets '
+        'without those of inputs that are 0. Updates of neurons, biases and learning are not '
+        'counted. Counted of laps driven in one process; those driven over ROS, and those of '
+        'versions that did not count, are not among them.',
+        ('controller', 'scenario', 'setting', 'decisions in a second')
+        + ('synaptic operations for a decision', 'multiply-accumulates for a decision')
+        + ('synaptic operations in a second', 'multiply-accumulates in a second', 'laps'),
+        rows,
+    )
+
+
+def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
+    total = sum_operations(Operations(**lap.metrics['operations']) for lap in laps)
+    # Of each observation, the one at the reset included.
+    time_s = sum(lap.metrics['steps'] + 1 for lap in laps) * STEP_S
+    found = operations_metrics(total, time_s)
+
+    def cells(per: str) -> tuple[str, str]:
+        synaptic = found.get(f'synaptic_operations_{per}')
+        all_, active = (found.get(f'{name}multiply_accumulates_{per}') for name in ('', 'active_'))
+        in_brackets = '' if active is None else f' ({_count(active)})'
+        return (
+            _NOTHING if synaptic is None else _count(synaptic),
+            _NOTHING if all_ is None else f'{_count(all_)}{in_brackets}',
+        )
+
+    return (
+        shown_name(key.controller),
+        key.scenario,
+        key.setting or "the paper's",
+        f'{found["decisions_per_s"]:.3g}',
+        *cells('per_decision'),
+        *cells('per_s'),
+        str(len(laps)),
     )
 
 

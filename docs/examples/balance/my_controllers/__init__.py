@@ -1,0 +1,1 @@
+"""Controllers of another package than Spikelane's."""

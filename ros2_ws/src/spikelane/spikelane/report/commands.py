@@ -1,0 +1,141 @@
+"""The command that makes a run, told from what determined it: its `config.yaml`.
+
+Every parameter that is not the command's default is named, so that the command gives the same
+run whatever made it: somebody at a terminal, an experiment, or a script.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import functools
+import json
+import shlex
+from typing import Any
+
+import yaml
+
+from spikelane import lap, training
+from spikelane.report.collect import Lap, TrainingRun, TransferRun
+from spikelane.transfer import GATHERING_DEFAULTS
+from spikelane_controllers.gathering import GatheringParameters
+from spikelane_controllers.transfer import TransferParameters
+from spikelane_sim.course import scenario_course
+from spikelane_sim.simulator import SimulatorParameters
+
+_FLAGS = {'simulator.robot.model': '--robot', 'simulator.pixels.model': '--pixels'}
+
+
+def command_of(run: Lap | TrainingRun | TransferRun) -> str:
+    """Return the command that makes a run; of an evaluation's lap, that of the evaluation.
+
+    Raises:
+        SpikelaneError: The configuration is one that this version does not allow.
+        KeyError: It is of another version, without something that determines a run.
+    """
+    config = run.config
+    if isinstance(run, TrainingRun):
+        words = _training(run)
+    elif isinstance(run, TransferRun):
+        words = _transfer(run)
+    else:
+        words = _lap(config)
+    lacking = sorted(set(_given(config)) - set(_usual(_kind(run), *_key(config))))
+    note = f'  # of another version, which had {", ".join(lacking)}' if lacking else ''
+    return shlex.join(['./spikelane', *words]) + note
+
+
+def _lap(config: Mapping[str, Any]) -> list[str]:
+    driven = config.get('evaluation')
+    words = ['lap' if driven is None else 'evaluate', *_what(config)]
+    words += ['--controller', config['controller']]
+    if driven is None:
+        words += ['--lane', config['lane']]
+    else:
+        words += ['--seeds', str(driven['seeds'])]
+        words += ['--lanes', *driven['lanes']] if driven['lanes'] else []
+        words += ['--courses', *driven['courses']] if driven['courses'] else []
+    return [*words, '--transport', config['transport'], *_others('lap', config)]
+
+
+def _training(run: TrainingRun) -> list[str]:
+    config = run.config
+    words = ['train', run.controller, *_what(config)]
+    words += ['--steps', str(config.get('training', {}).get('steps', run.steps))]
+    words += ['--transport', config.get('transport', 'inprocess')]
+    return [*words, *_others('training', config), '--out', str(run.folder)]
+
+
+def _transfer(run: TransferRun) -> list[str]:
+    config = run.config
+    words = ['transfer', *_what(config), '--checkpoint', config['checkpoint']]
+    words.append('--from-training' if config['from_training'] else '--no-from-training')
+    return [*words, *_others('transfer', config), '--out', str(run.folder)]
+
+
+def _what(config: Mapping[str, Any]) -> list[str]:
+    # Of the laps of an evaluation each has its course; the evaluation has the one it is for.
+    scenario = config.get('evaluated_for', config['scenario'])
+    return ['--scenario', str(scenario), '--seed', str(config['seed'])]
+
+
+def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
+    """Return the arguments for the parameters that are not the command's defaults."""
+    usual = _usual(kind, *_key(config))
+    words = []
+    for name, value in _given(config).items():
+        if name not in usual or value == usual[name]:
+            continue
+        if kind == 'lap' and name == f'{config["controller"]}.checkpoint':
+            words += ['--checkpoint', str(value)]
+        elif name == 'simulator.camera.antialias':
+            words.append('--antialias' if value else '--no-antialias')
+        elif name in _FLAGS:
+            words += [_FLAGS[name], str(value)]
+        else:
+            words += ['--param', f'{name}={_text(value)}']
+    return words
+
+
+def _text(value: Any) -> str:
+    """Return what is read as this value."""
+    plain = str(value)
+    is_plain = isinstance(value, str) and yaml.safe_load(plain) == value
+    return plain if is_plain else json.dumps(value)
+
+
+def _kind(run: Lap | TrainingRun | TransferRun) -> str:
+    return {Lap: 'lap', TrainingRun: 'training', TransferRun: 'transfer'}[type(run)]
+
+
+def _key(config: Mapping[str, Any]) -> tuple[str, str]:
+    scenario = str(config.get('evaluated_for', config['scenario']))
+    return scenario, str(config.get('controller', ''))
+
+
+def _given(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all parameters under their names; those of a run are in its groups."""
+    groups = ('simulator', str(config.get('controller', '')), 'gathering', 'transfer')
+    return {
+        f'{group}.{name}': value
+        for group in groups
+        for name, value in config.get(group, {}).items()
+        if name != 'course'
+    }
+
+
+@functools.lru_cache(maxsize=100)
+def _usual(kind: str, scenario: str, controller: str) -> dict[str, Any]:
+    """Return the parameters that a command has by itself, as YAML gives them."""
+    if kind == 'lap':
+        config = lap.make_config(scenario, controller, None, 0, 'inprocess', {}).to_dict()
+    elif kind == 'training':
+        config = training.make_config(scenario, controller, 0, 'inprocess', {}).to_dict()
+    else:
+        own: dict[str, Any] = {'course': scenario_course(scenario)}
+        own |= {name.partition('.')[2]: value for name, value in GATHERING_DEFAULTS.items()}
+        config = {
+            'simulator': SimulatorParameters.from_mapping(own, 'simulator').to_dict(),
+            'gathering': GatheringParameters().to_dict(),
+            'transfer': TransferParameters().to_dict(),
+        }
+    return _given(json.loads(json.dumps(config, default=list)))

@@ -1,0 +1,118 @@
+"""Controllers of another package, the example in the docs: built, driven, taught."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spikelane_controllers.checkpoint import read_checkpoint
+
+pytestmark = pytest.mark.ros
+
+DOCS = Path(__file__).parents[2] / 'docs'
+EXAMPLE = DOCS / 'examples/balance'
+DEADLINE_S = 250
+
+Run = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Give `spikelane COMMAND ...` in a workspace where the example has been built by colcon."""
+    workspace = tmp_path_factory.mktemp('my_ws')
+    shutil.copytree(EXAMPLE, workspace / 'src/balance')
+    build = [sys.executable, '-m', 'colcon', 'build']
+    built = subprocess.run(build, cwd=workspace, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+
+    def run_command(*arguments: str, status: int = 0) -> dict[str, Any]:
+        ended = subprocess.run(
+            [
+                'bash',
+                '-c',
+                'source install/setup.bash && exec "$@"',
+                '',
+                sys.executable,
+                '-m',
+                'spikelane.main',
+                *arguments,
+                '--robot',
+                'kinematic',
+                '--json',
+            ],
+            cwd=workspace,
+            capture_output=True,
+            text=True,
+            timeout=DEADLINE_S,
+            env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        )
+        assert ended.returncode == status, ended.stderr
+        result = json.loads(ended.stdout)
+        return result | {'folder': str(workspace / result['folder'])}
+
+    return run_command
+
+
+def test_the_page_shows_the_files_that_are_tested() -> None:
+    """Each as it is, and no Python file but the second node is left out."""
+    page = (DOCS / 'add_a_controller.md').read_text('utf-8')
+    shown = dict(
+        re.findall(r'^\[`[^`]+`\]\((examples/\S+)\)\n\n```python\n(.*?)```', page, re.M | re.S)
+    )
+    for path, text in shown.items():
+        assert (DOCS / path).read_text('utf-8') == text
+    names = {Path(path).name for path in shown}
+    assert names == {'balance.py', 'balance_node.py', 'learning_balance.py', 'setup.py'}
+
+
+def test_it_drives_a_lap(run: Run) -> None:
+    """As the page says: 0.04 m from the lane's centre."""
+    result = run('lap', '--controller', 'balance', '--transport', 'inprocess')
+    assert result['completed']
+    assert result['mean_abs_distance_m'] == pytest.approx(0.04, abs=0.005)
+
+
+def test_its_node_drives_as_in_one_process(run: Run) -> None:
+    """The same trajectory, bit for bit, with a parameter of its own."""
+    rows = []
+    for transport in ('inprocess', 'ros'):
+        result = run(
+            'lap', '--controller', 'balance', '--transport', transport,
+            '--param', 'balance.gain_rad_s=0.4', '--param', 'simulator.episode.max_steps=100',
+            status=1,
+        )  # fmt: skip
+        assert (result['controller'], result['steps']) == ('balance', 100)
+        rows.append(Path(result['folder'], 'trajectory.csv').read_text())
+    assert rows[0] == rows[1]
+
+
+def test_what_learns_is_trained_and_resumed(run: Run) -> None:
+    """Over ROS, and in two parts, the checkpoint is the same; it is driven with."""
+    learn = ('train', 'learning_balance', '--param')
+    limit = 'simulator.episode.max_steps=150'
+    whole = run(*learn, limit, '--steps', '400')
+    over_ros = run(*learn, limit, '--steps', '400', '--transport', 'ros', '--out', 'ros')
+    run(*learn, limit, '--steps', '200', '--out', 'parts')
+    parts = run(*learn, limit, '--steps', '400', '--out', 'parts', '--resume')
+    folders = [Path(result['folder']) for result in (whole, over_ros, parts)]
+    (state, facts), *others = [read_checkpoint(path, 'learning_balance') for path in folders]
+    for other, about in others:
+        assert about['controller'] == facts['controller']
+        for name, value in state.items():
+            np.testing.assert_array_equal(other[name], value)
+    assert facts['controller']['offset'] != 0.0
+    assert facts['terminations'][0][-1] == 'step_limit'
+    driven = run('lap', '--controller', 'learning_balance', '--checkpoint', str(folders[0]),
+                 '--transport', 'inprocess', '--param', limit, status=1)  # fmt: skip
+    config = Path(driven['folder'], 'config.yaml').read_text()
+    assert f'checkpoint: {folders[0]}' in config
