@@ -18,7 +18,7 @@ lap() { # RUN LANE CONTROLLER CHECKPOINT SCENARIO SEED [OPTION...]
 
 transfer() { # SETTING SCENARIO SEED
   local run=$out/$1/$2/$3 options=() driving=() lane
-  [ "$1" = paper ] || options=(--states 150000 --steps 40000 --param transfer.batch_size=100
+  [ "$1" = paper ] || options=(--steps 40000 --param transfer.batch_size=100
     --param transfer.learning_rate=1e-3 --param transfer.decays=true
     --param transfer.input_gain=8.0 --param transfer.normalisation=data)
   [ "$1" = paper ] || driving=(--param dqn_snn.encoding.frames=10)
