@@ -1,20 +1,34 @@
-"""How every Spikelane node runs: one error line for a wrong start, a quiet end on a signal."""
+"""How every Spikelane node runs: one error line for a wrong start, a quiet end on a signal.
+
+A node that is told to end first lets what it has published arrive. The middleware finds only at
+its next heartbeat, after some seconds, what was lost last; a node that is gone by then takes it
+along, and a recording would lack the end of a drive.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import signal
+import socket
 import sys
+import threading
+import time
+from types import TracebackType
 from typing import Protocol
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from spikelane_sim.errors import SpikelaneError
 
-_LOOK_EVERY_S = 0.5  # whether a signal came
+_LOOK_EVERY_S = 0.5  # whether the middleware was shut down
+_DELIVERY_S = 4.0  # longer than the 3 s between Fast DDS's heartbeats
+_DELIVERY_PERIOD_S = 0.01
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class RunnableNode(Protocol):
@@ -34,37 +48,101 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     """
     try:
         with _signals_held_back():
-            # rclpy's own handler shuts down; a KeyboardInterrupt could come amid anything.
-            signal.signal(signal.SIGINT, lambda number, frame: None)
-            rclpy.init(args=arguments)
+            ending = _Ending()
+            # rclpy's own handlers would shut down before what was published has arrived, and a
+            # KeyboardInterrupt could come amid anything.
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             executor = SingleThreadedExecutor()
     except RuntimeError as error:  # of several kinds: arguments or a parameter file it cannot read
         return _refuse(' '.join(str(error).split()))
     node = None
-    try:
-        node = make_node()
-        _warn_of_unknown_parameters(node)
-        executor.add_node(node)
-        while rclpy.ok():
-            # rclpy wakes the executor before it shuts down: one that is quick to look finds
-            # nothing changed, and would wait for ever.
-            executor.spin_once(timeout_sec=_LOOK_EVERY_S)
-    except SpikelaneError as error:
-        return _refuse(str(error))
-    except ExternalShutdownException:
-        pass
-    except Exception:
-        if rclpy.ok():
-            raise
-        # A signal came in the middle of something that needs the middleware.
-    finally:
-        # A second Ctrl-C must not cut the clean-up short.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+    with ending:
+        try:
+            node = ending.node = make_node()
+            _warn_of_unknown_parameters(node)
+            executor.add_node(node)
+            while rclpy.ok():
+                # rclpy wakes the executor before it shuts down: one that is quick to look finds
+                # nothing changed, and would wait for ever.
+                executor.spin_once(timeout_sec=_LOOK_EVERY_S)
+        except SpikelaneError as error:
+            return _refuse(str(error))
+        except ExternalShutdownException:
+            pass
+        except Exception:
+            if rclpy.ok():
+                raise
+            # A signal came in the middle of something that needs the middleware.
+        finally:
+            # A second Ctrl-C must not cut the clean-up short.
+            for number in _SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
     return int(getattr(node, 'exit_status', 0))
+
+
+class _Ending:
+    """Waits in a thread for a signal, then shuts the middleware down; a second one hurries it.
+
+    Attributes:
+        node: Whose messages are to arrive before; None where there is none yet.
+    """
+
+    def __init__(self) -> None:
+        """Take over SIGINT and SIGTERM, in the main thread."""
+        self.node: Node | None = None
+        # Python's own handlers run in the main thread alone, which may be amid a long wait; the
+        # signals' numbers are written here at once.
+        self._told, teller = socket.socketpair()
+        teller.setblocking(False)
+        self._teller = teller
+        signal.set_wakeup_fd(teller.fileno(), warn_on_full_buffer=False)
+        for number in _SIGNALS:
+            signal.signal(number, lambda number, frame: None)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> None:
+        """Begin to wait."""
+        self._thread.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop waiting."""
+        signal.set_wakeup_fd(-1)
+        self._teller.close()  # which the thread is told of
+        self._thread.join()
+        self._told.close()
+
+    def _run(self) -> None:
+        if not self._told.recv(1):
+            return
+        if self.node is not None:
+            self._deliver(self.node)
+        rclpy.try_shutdown()
+
+    def _deliver(self, node: Node) -> None:
+        """Wait until who subscribes reliably has all of it, or for as long as that may take."""
+        deadline_s = time.monotonic() + _DELIVERY_S
+        self._told.settimeout(_DELIVERY_PERIOD_S)
+        with contextlib.suppress(RuntimeError):  # it ends by itself meanwhile
+            for publisher in list(node.publishers):
+                while not publisher.wait_for_all_acked(Duration()):
+                    if time.monotonic() > deadline_s or self._is_told():
+                        return
+
+    def _is_told(self) -> bool:
+        """Return whether a second signal came, or the node has ended, after a moment."""
+        try:
+            self._told.recv(1)
+        except TimeoutError:
+            return False
+        return True
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:
@@ -86,8 +164,7 @@ def _signals_held_back() -> Iterator[None]:
     An executor whose making a signal cuts short says so in a traceback when it is collected. No
     thread but this one, to which they could go, is there yet.
     """
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
         yield
     finally:

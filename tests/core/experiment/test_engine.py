@@ -88,7 +88,10 @@ def test_an_address_where_nobody_listens_is_told_at_once(scheme: str) -> None:
     [
         (None, 'run.json: expected what a run is'),
         ('{', 'run.json: expected what a run is'),
-        ('{"identity": {"task": "fly"}}', "task: expected one of train, transfer, evaluate, got 'fly'"),
+        (
+            '{"identity": {"task": "fly"}}',
+            "task: expected one of train, transfer, evaluate, got 'fly'",
+        ),
     ],
 )
 def test_a_folder_that_is_no_run_is_refused(

@@ -165,6 +165,11 @@ def _check_complete(trajectory: Trajectory) -> None:
             f'the recording has {len(trajectory)} of {observations} observations and lacks '
             f'{unanswered} answers: the machine is too busy'
         )
+    if not trajectory.reason:
+        raise ProcessError(
+            f'the recording ends after {observations} observations, before the lap did: the '
+            'machine is too busy'
+        )
 
 
 def _check_endings(processes: Processes) -> None:
