@@ -4,7 +4,8 @@
     source setup/env.sh; docs/results/dqn_weights.py DQN DQN_SNN
 
 With the paper's settings; the seed is that whose Q-network has the (lower) median error on the
-outer lane of those that complete both lanes, so neither the best nor the worst.
+outer lane, of those that complete both lanes and have been transferred: neither the best nor the
+worst.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ def main() -> None:
         sys.exit('usage: dqn_weights.py DQN DQN_SNN')
     dqn, dqn_snn = map(Path, sys.argv[1:])
     for folder in sorted(dqn.glob('?')):
-        errors = dict(outer_errors_m(folder))
+        transfers = dqn_snn / 'paper' / folder.name
+        errors = dict(outer_errors_m(folder, transfers))
         if not errors:
             continue
         median = statistics.median_low(errors.values())
@@ -41,24 +43,22 @@ def main() -> None:
         name = f'scenario_{folder.name}.safetensors'
         export_weights('dqn', folder / seed, SHIPPED / f'dqn_{name}', trained)
         print(f'dqn_{name}: {trained} (error {median:.4f} m, of {len(errors)} seeds)')
-        transfer = dqn_snn / 'paper' / folder.name
-        if (transfer / f'{seed}.transfer.json').exists():
-            # Where the training's command leaves it.
-            transferred = (
-                f'spikelane transfer --checkpoint runs/train-dqn-{folder.name}-seed{seed} '
-                f'--scenario {folder.name} --seed {seed}'
-            )
-            export_transferred(transfer / seed, SHIPPED / f'dqn_snn_{name}', transferred)
-            print(f'dqn_snn_{name}: {transferred}')
+        transferred = (  # from where the training's command leaves it
+            f'spikelane transfer --checkpoint runs/train-dqn-{folder.name}-seed{seed} '
+            f'--scenario {folder.name} --seed {seed}'
+        )
+        export_transferred(transfers / seed, SHIPPED / f'dqn_snn_{name}', transferred)
+        print(f'dqn_snn_{name}: {transferred}')
 
 
-def outer_errors_m(folder: Path) -> list[tuple[str, float]]:
-    """Return seeds and errors on the outer lane where both lanes were completed."""
+def outer_errors_m(folder: Path, transfers: Path) -> list[tuple[str, float]]:
+    """Return seeds and errors on the outer lane of Q-networks that can be shipped."""
     found = []
     for file in sorted(folder.glob('*.train.json')):
         seed = file.name.split('.')[0]
         outer, inner = (read_json(folder / f'{seed}.{lane}.json') for lane in LANES)
-        if outer.get('completed') and inner.get('completed'):
+        is_transferred = (transfers / f'{seed}.transfer.json').exists()
+        if outer.get('completed') and inner.get('completed') and is_transferred:
             found.append((seed, float(outer['mean_abs_distance_m'])))
     return found
 

@@ -21,10 +21,10 @@ def print_row(*cells: str) -> None:
 
 
 def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
-    """Return median, smallest and largest in words."""
+    """Return median, smallest and largest in words; of a single value, that."""
     known = [value for value in values if value is not None]
-    if not known:
-        return 'none'
+    if len(known) < 2:
+        return f'{known[0]:{form}}{unit}' if known else 'none'
     median = statistics.median(known)
     if all(isinstance(value, int) for value in known):
         median = round(median)
