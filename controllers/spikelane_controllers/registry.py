@@ -37,6 +37,7 @@ TRAININGS: Mapping[str, tuple[str, str]] = {
 #: Groups of the entry points by which other packages add to these.
 CONTROLLER_GROUP = 'spikelane.controllers'
 TRAINING_GROUP = 'spikelane.trainings'
+_OWN = {CONTROLLER_GROUP: CONTROLLERS, TRAINING_GROUP: TRAININGS}
 
 _PACKAGE = 'spikelane_controllers'
 #: What names a node, a group of parameters and a folder alike.
@@ -121,9 +122,9 @@ def make_controller(name: str, parameters: Mapping[str, Any] | None = None) -> C
 
 
 def _load(group: str, name: str) -> object:
-    own = CONTROLLERS if group == CONTROLLER_GROUP else TRAININGS
-    if name in own:  # found without looking through all packages
-        return getattr(importlib.import_module(own[name][0]), own[name][1])
+    if name in _OWN[group]:  # found without looking through all packages
+        module, attribute = _OWN[group][name]
+        return getattr(importlib.import_module(module), attribute)
     known = _entries(group)
     if name not in known:
         raise ParameterError(f'controller: expected one of {", ".join(known)}, got {name!r}')
@@ -140,8 +141,7 @@ def _load(group: str, name: str) -> object:
 @functools.cache
 def _entries(group: str) -> dict[str, _Entry]:
     """Return what is registered, this package's first, then that of others by name."""
-    own = CONTROLLERS if group == CONTROLLER_GROUP else TRAININGS
-    found = {name: _Entry(*place, _PACKAGE) for name, place in own.items()}
+    found = {name: _Entry(*place, _PACKAGE) for name, place in _OWN[group].items()}
     for point in sorted(entry_points(group=group), key=lambda point: point.name):
         package = point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
         if not _NAME.fullmatch(point.name) or point.name in found:
