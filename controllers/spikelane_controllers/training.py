@@ -356,6 +356,16 @@ class PlasticTraining(Training):
     controller: PlasticController
     weight_history: list[NDArray[np.float32]]
 
+    @property
+    def weights_pa(self) -> NDArray[np.float64]:
+        """Weights now [pA], (n_neurons, n_inputs)."""
+        return self.controller.weights_pa
+
+    @property
+    def save_every(self) -> int:
+        """Steps between the weights of the history."""
+        return self._parameters.save_every
+
     def _begin_records(self) -> None:
         self.weight_history = []
         self._record_step()

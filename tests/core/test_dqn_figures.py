@@ -3,7 +3,7 @@
 from pathlib import Path
 import re
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import pytest
 from spikelane.figures import style
 from spikelane.figures.episodes import draw_episodes
 from spikelane.figures.state_images import draw_state_images
-from spikelane_controllers.dqn_training import DqnTraining, Outcome
+from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.training import Termination
 
 ACTIONS = [12, 30, 1000]
@@ -19,7 +19,7 @@ REASONS = ['lane_lost', 'lane_lost', 'step_limit']
 LANES = ['outer', 'inner', 'outer']
 
 
-def training_of(episodes: int) -> DqnTraining:
+def training_of(episodes: int) -> Any:
     """Return a training of some of the episodes above."""
     steps = np.cumsum(ACTIONS).tolist()
     ends = [
@@ -27,8 +27,7 @@ def training_of(episodes: int) -> DqnTraining:
         for n in range(episodes)
     ]
     outcomes = [Outcome(ACTIONS[n], 2.5 * ACTIONS[n], 0.1, None, 0) for n in range(episodes)]
-    facts = SimpleNamespace(steps=2000, terminations=ends, outcomes=outcomes)
-    return cast(DqnTraining, facts)
+    return SimpleNamespace(steps=2000, terminations=ends, outcomes=outcomes)
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from spikelane.figures.terminations import draw_terminations
 from spikelane.figures.weights import draw_weights, weights_correlation
 from spikelane_controllers.training import (
     LearningController,
+    PlasticTraining,
     Termination,
-    Training,
     TrainingParameters,
 )
 from spikelane_sim.course import load_course
@@ -40,11 +40,11 @@ TERMINATIONS = [
 
 def trained(
     weights_pa: NDArray[np.float64], terminations: list[Termination], steps: int = 20_000
-) -> Training:
+) -> PlasticTraining:
     """Return a training that ended with these weights, saved every 10,000 steps."""
     controller = cast(LearningController, SimpleNamespace(weights_pa=weights_pa))
     parameters = TrainingParameters(steps=steps, save_every=10_000)
-    training = Training('rstdp', controller, parameters, {}, Path('unused.safetensors'))
+    training = PlasticTraining('rstdp', controller, parameters, {}, Path('unused.safetensors'))
     training.steps = steps
     training.terminations = terminations
     saved = [200.0 + 0 * weights_pa, (200.0 + weights_pa) / 2, weights_pa]

@@ -52,10 +52,13 @@ def test_dqns_first_lap_is_within_an_episode() -> None:
         (2656, 'inner', 10_000, 'step_limit'),
         (3656, 'outer', 10_000, 'step_limit'),
     ]
-    run = training('dqn', ends, simulator=simulator, dqn={'decision.drive_rad_s': 1.0})
+    run = training('dqn', ends, simulator=simulator, dqn={'task.drive_rad_s': 1.0})
     assert first_lap_step(run) == 6560.0 + 6563.0
     assert stable_step(run) == 6560.0
-    never = training('dqn', ends[:1], simulator=simulator, dqn={})
+    # At twice the speed half as many are enough.
+    fast = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 2.0})
+    assert first_lap_step(fast) == 3282.0
+    never = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 1.0})
     assert (first_lap_step(never), stable_step(never)) == (None, None)
 
 

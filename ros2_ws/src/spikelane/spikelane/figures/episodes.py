@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spikelane.figures import style
-from spikelane_controllers.dqn_training import DqnTraining
+from spikelane.figures.past import DqnPast
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _MOST_POINTS = 2000  # episodes up to which each gets a point
 
 
 def draw_episodes(
-    training: DqnTraining, lanes: tuple[str, ...], path: Path, title: str = ''
+    training: DqnPast, lanes: tuple[str, ...], path: Path, title: str = ''
 ) -> tuple[Path, ...]:
     """Draw action steps and sum of rewards of each episode.
 
@@ -56,7 +56,7 @@ def draw_episodes(
         return style.save(figure, path)
 
 
-def _in_words(training: DqnTraining) -> str:
+def _in_words(training: DqnPast) -> str:
     lost = sum(each.reason == TERMINATED_LANE_LOST for each in training.terminations)
     return f'{training.steps:,} action steps, lane lost: {lost:,}'
 

@@ -6,13 +6,15 @@ each episode ended.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
 from spikelane.figures import style
-from spikelane_controllers.training import Termination, Training
+from spikelane.figures.past import Past
+from spikelane_controllers.training import Termination
 from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ _ENDS = (_LOST_RIGHT, _LOST_LEFT, _LAP, _OTHER)
 
 
 def draw_terminations(
-    training: Training, course: Course, path: Path, title: str = ''
+    training: Past, course: Course, path: Path, title: str = ''
 ) -> tuple[Path, ...]:
     """Draw where on its lane every episode ended, over the step of the training.
 
@@ -80,7 +82,7 @@ def draw_terminations(
         return style.save(figure, path)
 
 
-def _terminations_in_words(training: Training) -> str:
+def _terminations_in_words(training: Past) -> str:
     lost = [e for e in training.terminations if e.reason == TERMINATED_LANE_LOST]
     laps = [e for e in training.terminations if e.reason == TERMINATED_LAPS_COMPLETE]
     last = f', last at step {lost[-1].step:,}' if lost else ''
@@ -107,7 +109,7 @@ def _start_m(course: Course, lane: Lane) -> float:
 
 
 def _draw_lane(
-    axes: Axes, lane: Lane, ends: list[Termination], start_m: float, steps: int
+    axes: Axes, lane: Lane, ends: Sequence[Termination], start_m: float, steps: int
 ) -> None:
     """Draw the ends of one lane's episodes before its sections."""
     axes.set_title(f'{lane.name} lane', fontsize=style.NORMAL_PT, weight='bold', loc='left')
@@ -171,7 +173,7 @@ def _end(termination: Termination) -> _End:
     return _LAP if termination.reason == TERMINATED_LAPS_COMPLETE else _OTHER
 
 
-def _explain_ends(figure: Figure, terminations: list[Termination]) -> None:
+def _explain_ends(figure: Figure, terminations: Sequence[Termination]) -> None:
     from matplotlib.lines import Line2D
 
     there = {_end(each) for each in terminations}

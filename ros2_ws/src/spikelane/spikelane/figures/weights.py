@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.figures import style
-from spikelane_controllers.training import PlasticTraining
+from spikelane.figures.past import PlasticPast
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.errors import SpikelaneError
@@ -42,7 +42,7 @@ _HATCHED: dict[str, Any] = {
 
 
 def draw_weights(
-    training: PlasticTraining, encoding: EncodingParameters, path: Path, title: str = ''
+    training: PlasticPast, encoding: EncodingParameters, path: Path, title: str = ''
 ) -> tuple[Path, ...]:
     """Draw the weights of two motor neurons: as they are now, and over the training.
 
@@ -162,22 +162,22 @@ def _saw_events(weights_pa: NDArray[Any], initial_pa: NDArray[Any]) -> NDArray[n
 
 
 def _weights_over_steps(
-    training: PlasticTraining,
+    training: PlasticPast,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Return the steps and the weights then, (n, 2, n_inputs), the present ones included."""
     history = list(training.weight_history)
-    steps = [index * training.parameters.save_every for index in range(len(history))]
+    steps = [index * training.save_every for index in range(len(history))]
     if steps[-1] < training.steps:
         steps.append(training.steps)
-        history.append(training.controller.weights_pa.astype(np.float32))
+        history.append(training.weights_pa.astype(np.float32))
     return np.array(steps), np.stack(history)
 
 
-def _weights_in_words(training: PlasticTraining, encoding: EncodingParameters) -> str:
+def _weights_in_words(training: PlasticPast, encoding: EncodingParameters) -> str:
     words = f'weights after {training.steps:,} steps'
     if encoding != EncodingParameters():
         return words
-    correlation = weights_correlation(training.controller.weights_pa)['overall']
+    correlation = weights_correlation(training.weights_pa)['overall']
     if correlation is None:
         return words
     return f'{words}; correlation with the Braitenberg weights {correlation:.2f}'

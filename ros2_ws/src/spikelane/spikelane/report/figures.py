@@ -11,10 +11,11 @@ import math
 from pathlib import Path
 import textwrap
 from types import SimpleNamespace
-from typing import Any, cast, NamedTuple
+from typing import Any, NamedTuple
 import zlib
 
 from spikelane.figures import style
+from spikelane.figures.past import PlasticPast
 from spikelane.report.collect import (
     Conditions,
     Lap,
@@ -28,15 +29,12 @@ from spikelane.report.paper import paper_value
 from spikelane.report.tables import by_key, Key, ORDER, PAPER_LANE, seeds_in_words, shown_name
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.registry import training_class
 from spikelane_controllers.states import read_states
-from spikelane_controllers.training import LearningController, PlasticTraining, Training
 from spikelane_controllers.weights import WEIGHTS
 from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.encoding import EncodingParameters, StateImageParameters
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.task import DecisionParameters
 
 #: Drives in one comparison; more do not fit on a screen together.
 _MOST_DRIVES = 4
@@ -179,9 +177,7 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
 
             def draw(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
                 lanes = tuple(_course(run).lanes)
-                return draw_episodes(
-                    cast(Any, _past(run)), lanes, folder / f'{stem}_training', _title(run)
-                )
+                return draw_episodes(run, lanes, folder / f'{stem}_training', _title(run))
 
             def draw_states(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
                 states = read_states(run.folder)
@@ -195,13 +191,12 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
         elif key.controller == 'rstdp':
 
             def draw_learnt(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                past = cast(PlasticTraining, _past(run))
-                return draw_weights(past, _encoding(run), folder / f'{stem}_weights', _title(run))
+                file = folder / f'{stem}_weights'
+                return draw_weights(_learnt(run), _encoding(run), file, _title(run))
 
             def draw_ends(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                return draw_terminations(
-                    _past(run), _course(run), folder / f'{stem}_terminations', _title(run)
-                )
+                file = folder / f'{stem}_terminations'
+                return draw_terminations(run, _course(run), file, _title(run))
 
             heading = 'R-STDP training'
             yield _Figure(heading, f'{stem}_weights', f'Learnt weights, {words}', draw_learnt)
@@ -458,26 +453,17 @@ def _median(group: Sequence[Any], value: Callable[[Any], float]) -> Any:
     return sorted(group, key=value)[(len(group) - 1) // 2]
 
 
-def _past(run: TrainingRun) -> Training:
-    """Return a training as figures know it, from its checkpoint."""
+def _learnt(run: TrainingRun) -> PlasticPast:
+    """Return a training of R-STDP with the weights in its checkpoint."""
     arrays = read_checkpoint(run.folder, run.controller).arrays
-    weights = SimpleNamespace(weights_pa=arrays.get(WEIGHTS))
-    cls = training_class(run.controller)
-    values = run.config.get('training', {})
-    parameters = cls.parameters_class(
-        steps=run.steps, save_every=values.get('save_every', run.config.get('save_every', 1))
-    )
-    # Not the class's own beginning, which opens files to go on training.
-    past = cls.__new__(cls)
-    past.__dict__.update(
-        controller=cast(LearningController, weights),
-        _parameters=parameters,
+    return SimpleNamespace(
         steps=run.steps,
-        terminations=list(run.terminations),
-        outcomes=list(run.outcomes),
-        weight_history=list(arrays.get('training.weight_history', ())),
+        terminations=run.terminations,
+        weights_pa=arrays[WEIGHTS],
+        weight_history=list(arrays['training.weight_history']),
+        # A checkpoint's own configuration has it without the training's length.
+        save_every=run.config.get('training', run.config)['save_every'],
     )
-    return past
 
 
 def first_lap_step(run: TrainingRun) -> float | None:
@@ -489,10 +475,9 @@ def first_lap_step(run: TrainingRun) -> float | None:
     if run.controller != 'dqn':
         laps = (e.step for e in run.terminations if e.reason == TERMINATED_LAPS_COMPLETE)
         return next((float(step) for step in laps), None)
-    course, values = _course(run), run.config['dqn']
+    course = _course(run)
     radius_m = run.config['simulator']['robot.wheel_radius_m']
-    drive_rad_s = values.get('decision.drive_rad_s', DecisionParameters().drive_rad_s)
-    per_step_m = drive_rad_s * radius_m * STEP_S
+    per_step_m = run.config['dqn']['task.drive_rad_s'] * radius_m * STEP_S
     driven = 0
     for episode in run.terminations:
         needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
