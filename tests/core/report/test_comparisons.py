@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from spikelane.report.collect import Lap, LeftOut, Runs
-from spikelane.report.figures import comparisons, draw_figures, representative_laps
+from spikelane.report.comparisons import comparisons, representative_laps
+from spikelane.report.figures import draw_figures
 
 
 def lap(

@@ -10,7 +10,7 @@ import pytest
 
 from spikelane.figures.training_time import draw_training_time, TrainingTimes
 from spikelane.report.collect import TrainingRun
-from spikelane.report.figures import first_lap_step, stable_step
+from spikelane.report.training_times import first_lap_step, stable_step
 from spikelane_controllers.training import Termination
 
 

@@ -5,50 +5,50 @@ What cannot be drawn because no run has what it takes is named with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import functools
-import math
 from pathlib import Path
-import textwrap
 from types import SimpleNamespace
-from typing import Any, NamedTuple
-import zlib
+from typing import NamedTuple
 
 from spikelane.figures import style
 from spikelane.figures.past import PlasticPast
 from spikelane.report.collect import (
     Conditions,
+    course_of,
     Lap,
     LeftOut,
-    RANDOM_COURSES,
     Runs,
     TrainingRun,
     TransferRun,
 )
+from spikelane.report.comparisons import (
+    Comparison,
+    comparisons,
+    median_run,
+    Place,
+    representative_laps,
+)
+from spikelane.report.labels import (
+    cut,
+    distinct,
+    file_name,
+    label_of,
+    ROW_LETTERS,
+    short_label,
+    title_of,
+    words_of,
+)
+from spikelane.report.missing import missing
 from spikelane.report.paper import paper_value
-from spikelane.report.tables import by_key, Key, ORDER, PAPER_LANE, seeds_in_words, shown_name
+from spikelane.report.tables import by_key, PAPER_LANE, seeds_in_words, shown_name
+from spikelane.report.training_times import first_lap_step, stable_step
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.states import read_states
 from spikelane_controllers.weights import WEIGHTS
-from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
-from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.encoding import EncodingParameters, StateImageParameters
 from spikelane_sim.errors import SpikelaneError
-
-#: Drives in one comparison; more do not fit on a screen together.
-_MOST_DRIVES = 4
-
-#: Comparisons for a scenario and lane; an experiment can have dozens of settings.
-_MOST_COMPARISONS = 3
-
-#: Other courses than the paper's that are compared on.
-_MOST_OTHER_COURSES = 3
-
-PAPER_SCENARIOS = ('1', '2', '3')
-
-#: Letters of a setting that there is room for.
-_ROW_LETTERS, _BAR_LETTERS, _BAR_LINES, _FILE_LETTERS = 100, 44, 2, 60
 
 
 class Drawn(NamedTuple):
@@ -90,7 +90,7 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
             left_out.append(LeftOut(each.caption, str(error)))
         except KeyError as error:
             left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
-    return drawn, left_out + list(_missing(runs))
+    return drawn, left_out + list(missing(runs))
 
 
 class _Figure(NamedTuple):
@@ -143,7 +143,7 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
     best = [lap for lap in best if lap.lane == PAPER_LANE] or best
     best = [lap for lap in best if not lap.setting] or best  # the paper's
     lap = best[-1]  # of the last controller in the paper's order
-    words = f'{_words(lap)}, {lap.lane} lane, seed {lap.seed}'
+    words = f'{words_of(lap)}, {lap.lane} lane, seed {lap.seed}'
 
     @functools.cache  # both figures are of the same drive
     def seen() -> Seen:
@@ -152,7 +152,7 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
     def draw_moving() -> tuple[Path, ...]:
         trajectory, events = seen()
         file = folder / 'animation.webp'
-        return (draw_animation(trajectory, events, _course(lap), file, _title(lap)),)
+        return (draw_animation(trajectory, events, course_of(lap), file, title_of(lap)),)
 
     def draw_state() -> tuple[Path, ...]:
         events = seen().events
@@ -170,20 +170,20 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
     from spikelane.figures.weights import draw_weights
 
     for key, group in by_key(trainings).items():
-        run = _median(group, lambda each: float(each.last_lane_loss_step))
-        stem = f'{key.controller}_{_file_name(key)}'
+        run = median_run(group, lambda each: float(each.last_lane_loss_step))
+        stem = f'{key.controller}_{file_name(key)}'
         words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
         if key.controller == 'dqn':
 
             def draw(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                lanes = tuple(_course(run).lanes)
-                return draw_episodes(run, lanes, folder / f'{stem}_training', _title(run))
+                lanes = tuple(course_of(run).lanes)
+                return draw_episodes(run, lanes, folder / f'{stem}_training', title_of(run))
 
             def draw_states(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
                 states = read_states(run.folder)
                 if not len(states):
                     raise SpikelaneError(f'{run.folder}: expected states met, got none')
-                return draw_state_images(states, folder / f'{stem}_states', _title(run))
+                return draw_state_images(states, folder / f'{stem}_states', title_of(run))
 
             heading = 'DQN training'
             yield _Figure(heading, f'{stem}_training', f'Episodes and rewards, {words}', draw)
@@ -192,11 +192,11 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
 
             def draw_learnt(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
                 file = folder / f'{stem}_weights'
-                return draw_weights(_learnt(run), _encoding(run), file, _title(run))
+                return draw_weights(_learnt(run), _encoding(run), file, title_of(run))
 
             def draw_ends(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
                 file = folder / f'{stem}_terminations'
-                return draw_terminations(run, _course(run), file, _title(run))
+                return draw_terminations(run, course_of(run), file, title_of(run))
 
             heading = 'R-STDP training'
             yield _Figure(heading, f'{stem}_weights', f'Learnt weights, {words}', draw_learnt)
@@ -221,86 +221,23 @@ def _of_transfers(transfers: Sequence[TransferRun], folder: Path) -> Iterator[_F
     from spikelane.figures.transfer import draw_accuracy, draw_rates
 
     for key, group in by_key(transfers).items():
-        run = _median(group, lambda each: float(each.metrics['accuracy']))
-        stem = f'transfer_{_file_name(key)}'
+        run = median_run(group, lambda each: float(each.metrics['accuracy']))
+        stem = f'transfer_{file_name(key)}'
         words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
 
         def draw_curve(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
             paper = paper_value('dqn_snn', run.scenario, 'accuracy')
             return draw_accuracy(
-                run.curve, folder / f'{stem}_accuracy', _title(run), paper and paper.value
+                run.curve, folder / f'{stem}_accuracy', title_of(run), paper and paper.value
             )
 
         def draw_convergence(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
-            return draw_rates(run.rates, folder / f'{stem}_rates', _title(run))
+            return draw_rates(run.rates, folder / f'{stem}_rates', title_of(run))
 
         caption = f'Accuracy over the training of the network, {words}'
         yield _Figure('Transfer', f'{stem}_accuracy', caption, draw_curve)
         caption = f'Firing rates against activations over the simulated time, {words}'
         yield _Figure('Transfer', f'{stem}_rates', caption, draw_convergence)
-
-
-class Comparison(NamedTuple):
-    """Drives that one figure compares, one of each group.
-
-    Attributes:
-        scenario: All are of.
-        lane: All are of.
-        number: Of the figures of this scenario and lane, from 1.
-        of: How many these are.
-        keys: Of the groups.
-    """
-
-    scenario: str
-    lane: str
-    number: int
-    of: int
-    keys: tuple[Key, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the figure's files."""
-        lane = '' if self.lane == PAPER_LANE else f'_{_plain(self.lane)}'
-        part = '' if self.number == 1 else f'_{self.number}'
-        return f'deviation_scenario_{_plain(self.scenario)}{lane}{part}'
-
-
-def comparisons(chosen: Mapping[Place, Lap]) -> list[Comparison]:
-    """Lay out which drives are compared with which.
-
-    In the first figure of a scenario and lane are the paper's settings, or what comes nearest:
-    of each controller its first group, the paper's setting before others; then the others, as
-    many as there are figures for.
-    """
-    found = []
-    for scenario, lane in _compared_places(chosen):
-        keys = [
-            place.key for place in chosen if (place.key.scenario, place.lane) == (scenario, lane)
-        ]
-        first = list({key.controller: key for key in reversed(keys)}.values())[::-1]
-        rest = [key for key in keys if key not in first]
-        parts = [
-            tuple(some[start : start + _MOST_DRIVES])
-            for some in (first, rest)
-            for start in range(0, len(some), _MOST_DRIVES)
-        ][:_MOST_COMPARISONS]
-        found += [
-            Comparison(scenario, lane, number, len(parts), part)
-            for number, part in enumerate(parts, 1)
-        ]
-    return found
-
-
-def _compared_places(chosen: Mapping[Place, Lap]) -> list[tuple[str, str]]:
-    """Return the scenarios and lanes compared on; of others than the paper's only the first."""
-    places = dict.fromkeys((place.key.scenario, place.lane) for place in chosen)
-    # The paper's lane before the other, whichever was driven first.
-    ordered = sorted(places, key=lambda each: (each[0], each[1] != PAPER_LANE))
-    others = list(dict.fromkeys(s for s, _ in ordered if s not in PAPER_SCENARIOS))
-    # Each lap of these is on a course of its own.
-    others = [scenario for scenario in others if scenario != RANDOM_COURSES]
-    shown = (*PAPER_SCENARIOS, *others[:_MOST_OTHER_COURSES])
-    return [each for each in ordered if each[0] in shown]
 
 
 def _compared(
@@ -312,10 +249,10 @@ def _compared(
     shown = [chosen[Place(key, lane)] for key in keys]
 
     def draw() -> tuple[Path, ...]:
-        labels = _distinct([_label(lap) for lap in shown])
+        labels = distinct([label_of(lap) for lap in shown])
         drives = {label: first_lap_of(lap) for label, lap in zip(labels, shown, strict=True)}
         title = f'Scenario {scenario}, {lane} lane'
-        return draw_comparison(drives, _course(shown[0]), folder / comparison.name, title)
+        return draw_comparison(drives, course_of(shown[0]), folder / comparison.name, title)
 
     part = f', {number} of {of}' if of > 1 else ''
     seeds = '; '.join(
@@ -328,7 +265,7 @@ def _compared(
 
 def _which(lap: Lap, group: Sequence[Lap]) -> str:
     """Say which drive of a group is shown, and which are not."""
-    setting = f' ({_cut(lap.setting, _ROW_LETTERS)})' if lap.setting else ''
+    setting = f' ({cut(lap.setting, ROW_LETTERS)})' if lap.setting else ''
     words = f'{shown_name(lap.controller)}{setting}: seed {lap.seed}'
     others = [each for each in group if each is not lap]
     if not others:
@@ -365,7 +302,7 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
 
     def draw() -> tuple[Path, ...]:
         by_group = by_key(trainings)
-        labels = _distinct([_short(key) for key in by_group])
+        labels = distinct([short_label(key) for key in by_group])
         groups = {
             label: TrainingTimes(
                 [first_lap_step(run) for run in group],
@@ -378,79 +315,6 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
 
     caption = 'Training time: simulated steps to the first lap and to stable driving'
     return _Figure('Training time', 'training_time', caption, draw)
-
-
-def _missing(runs: Runs) -> Iterator[LeftOut]:
-    """Name the paper's figures that no run was there for."""
-    trained = {(run.controller, run.scenario) for run in runs.trainings}
-    driven = {(lap.controller, lap.scenario) for lap in runs.laps if lap.lane == PAPER_LANE}
-    for scenario in PAPER_SCENARIOS:
-        for controller in ('dqn', 'rstdp'):
-            if (controller, scenario) not in trained:
-                what = f'{shown_name(controller)} training, scenario {scenario}'
-                yield LeftOut(what, 'no run among these')
-    for scenario, controllers in (('1', ORDER), ('2', ('dqn', 'dqn_snn', 'rstdp')), ('3', ORDER)):
-        for controller in controllers if scenario != '3' else ('rstdp',):
-            if (controller, scenario) not in driven:
-                what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
-                yield LeftOut(what, 'no run among these')
-    for scenario in ('1', '2'):
-        if not any(run.scenario == scenario for run in runs.transfers):
-            yield LeftOut(f'Transfer to DQN-SNN, scenario {scenario}', 'no run among these')
-    if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
-        why = 'counted of laps driven in one process, of which none is among these'
-        yield LeftOut('Operations for a decision', why)
-    yield from _not_compared(runs.laps)
-    if not runs.laps:
-        yield LeftOut('State input and animation of a lap', 'no lap among these runs')
-
-
-def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
-    """Name the courses and settings that no comparison is drawn of."""
-    chosen = representative_laps(laps)
-    shown = {Place(key, each.lane) for each in comparisons(chosen) for key in each.keys}
-    scenarios = {place.key.scenario for place in shown}
-    others = list(dict.fromkeys(lap.scenario for lap in laps if lap.scenario not in scenarios))
-    if RANDOM_COURSES in others:
-        others.remove(RANDOM_COURSES)
-        yield LeftOut('Deviation on random courses', 'each lap is on a course of its own')
-    if others:
-        why = f"{_MOST_OTHER_COURSES} courses beside the paper's are drawn"
-        yield LeftOut(f'Deviation on {", ".join(others)}', why)
-    for place in chosen:
-        if place not in shown and place.key.scenario in scenarios:
-            why = f'{_MOST_COMPARISONS} figures for a scenario and lane; the table has it'
-            yield LeftOut(f'Deviation, {place.key.words}, {place.lane} lane', why)
-
-
-class Place(NamedTuple):
-    """Where drives are laid together: those of one group on one lane."""
-
-    key: Key
-    lane: str
-
-    @classmethod
-    def of(cls, lap: Lap) -> Place:
-        """Return that of a lap."""
-        return cls(Key(lap.controller, lap.scenario, lap.setting), lap.lane)
-
-
-def representative_laps(laps: Iterable[Lap]) -> dict[Place, Lap]:
-    """Return a lap of each group and lane: completed, of median error."""
-    chosen = {}
-    for key, group in by_key(laps).items():
-        for lane in dict.fromkeys(lap.lane for lap in group):
-            on_lane = [lap for lap in group if lap.lane == lane]
-            done = [lap for lap in on_lane if lap.metrics['completed']] or on_lane
-            chosen[Place(key, lane)] = _median(
-                done, lambda lap: float(lap.metrics['mean_abs_distance_m'])
-            )
-    return chosen
-
-
-def _median(group: Sequence[Any], value: Callable[[Any], float]) -> Any:
-    """Return the member in the middle, the lower one of two."""
-    return sorted(group, key=value)[(len(group) - 1) // 2]
 
 
 def _learnt(run: TrainingRun) -> PlasticPast:
@@ -466,42 +330,8 @@ def _learnt(run: TrainingRun) -> PlasticPast:
     )
 
 
-def first_lap_step(run: TrainingRun) -> float | None:
-    """Return when the first lap was completed [steps of 50 ms], None where none was.
-
-    DQN's episodes go on after a lap. Its robot drives at one speed, so that a lap is what an
-    episode of the lane's length at that speed has.
-    """
-    if run.controller != 'dqn':
-        laps = (e.step for e in run.terminations if e.reason == TERMINATED_LAPS_COMPLETE)
-        return next((float(step) for step in laps), None)
-    course = _course(run)
-    radius_m = run.config['simulator']['robot.wheel_radius_m']
-    per_step_m = run.config['dqn']['task.drive_rad_s'] * radius_m * STEP_S
-    driven = 0
-    for episode in run.terminations:
-        needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
-        if episode.episode_steps >= needed:
-            return float(driven + needed)
-        driven += episode.episode_steps
-    return None
-
-
-def stable_step(run: TrainingRun) -> float | None:
-    """Return when it drove without losing the lane [steps of 50 ms], None where it never did."""
-    if run.controller != 'dqn':
-        return float(run.last_lane_loss_step) if run.has_settled else None
-    if run.solved_episode is None:
-        return None
-    return float(sum(e.episode_steps for e in run.terminations[: run.solved_episode - 1]))
-
-
 def _trajectory(lap: Lap) -> Trajectory:
     return read_csv(lap.folder / 'trajectory.csv')
-
-
-def _course(run: Lap | TrainingRun) -> Course:
-    return load_course(scenario_course(str(run.config['scenario'])))
 
 
 def _encoding(run: TrainingRun) -> EncodingParameters:
@@ -511,55 +341,3 @@ def _encoding(run: TrainingRun) -> EncodingParameters:
         if name.startswith('encoding.')
     }
     return EncodingParameters.from_mapping(values, 'encoding')
-
-
-def _title(run: Lap | TrainingRun | TransferRun) -> str:
-    return f'{shown_name(run.controller)}, scenario {run.scenario}, seed {run.seed}'
-
-
-def _words(lap: Lap) -> str:
-    return Key(lap.controller, lap.scenario, lap.setting).words
-
-
-def _label(lap: Lap) -> str:
-    """Return what drove, in words that fit above its row of a figure."""
-    name = shown_name(lap.controller)
-    return f'{name} ({_cut(lap.setting, _ROW_LETTERS)})' if lap.setting else name
-
-
-def _short(key: Key) -> str:
-    """Return a group in words that fit beside its bar in a figure."""
-    name = f'{shown_name(key.controller)}, scenario {key.scenario}'
-    return '\n'.join([name, *_wrapped(key.setting)])
-
-
-def _wrapped(setting: str) -> list[str]:
-    """Return a setting in the lines that there is room for beside a bar."""
-    lines = textwrap.wrap(setting, _BAR_LETTERS)
-    if len(lines) <= _BAR_LINES:
-        return lines
-    return [*lines[: _BAR_LINES - 1], _cut(' '.join(lines[_BAR_LINES - 1 :]), _BAR_LETTERS)]
-
-
-def _cut(text: str, letters: int) -> str:
-    return text if len(text) <= letters else text[: letters - 4] + ' ...'
-
-
-def _distinct(labels: Sequence[str]) -> list[str]:
-    """Return labels with a number where the same came before."""
-    return [
-        label if (before := labels[:index].count(label)) == 0 else f'{label} ({before + 1})'
-        for index, label in enumerate(labels)
-    ]
-
-
-def _file_name(key: Key) -> str:
-    name = f'scenario_{_plain(key.scenario)}'
-    setting = _plain(key.setting)
-    if len(setting) > _FILE_LETTERS:  # what is cut off stays part of the name
-        setting = f'{setting[:_FILE_LETTERS]}_{zlib.crc32(setting.encode()):08x}'
-    return f'{name}_{setting}' if setting else name
-
-
-def _plain(text: str) -> str:
-    return '_'.join(''.join(c if c.isalnum() else ' ' for c in text).split())

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+PAPER_SCENARIOS = ('1', '2', '3')
+
 
 class PaperValue(NamedTuple):
     """One result of the paper.

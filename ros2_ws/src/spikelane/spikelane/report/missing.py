@@ -1,0 +1,59 @@
+"""What of the paper's figures, and of the runs, a report has nothing to show for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from spikelane.report.collect import Lap, LeftOut, RANDOM_COURSES, Runs
+from spikelane.report.comparisons import (
+    comparisons,
+    MOST_COMPARISONS,
+    MOST_OTHER_COURSES,
+    Place,
+    representative_laps,
+)
+from spikelane.report.paper import PAPER_SCENARIOS
+from spikelane.report.tables import ORDER, PAPER_LANE, shown_name
+
+
+def missing(runs: Runs) -> Iterator[LeftOut]:
+    """Name the paper's figures that no run was there for."""
+    trained = {(run.controller, run.scenario) for run in runs.trainings}
+    driven = {(lap.controller, lap.scenario) for lap in runs.laps if lap.lane == PAPER_LANE}
+    for scenario in PAPER_SCENARIOS:
+        for controller in ('dqn', 'rstdp'):
+            if (controller, scenario) not in trained:
+                what = f'{shown_name(controller)} training, scenario {scenario}'
+                yield LeftOut(what, 'no run among these')
+    for scenario, controllers in (('1', ORDER), ('2', ('dqn', 'dqn_snn', 'rstdp')), ('3', ORDER)):
+        for controller in controllers if scenario != '3' else ('rstdp',):
+            if (controller, scenario) not in driven:
+                what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
+                yield LeftOut(what, 'no run among these')
+    for scenario in ('1', '2'):
+        if not any(run.scenario == scenario for run in runs.transfers):
+            yield LeftOut(f'Transfer to DQN-SNN, scenario {scenario}', 'no run among these')
+    if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
+        why = 'counted of laps driven in one process, of which none is among these'
+        yield LeftOut('Operations for a decision', why)
+    yield from _not_compared(runs.laps)
+    if not runs.laps:
+        yield LeftOut('State input and animation of a lap', 'no lap among these runs')
+
+
+def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
+    """Name the courses and settings that no comparison is drawn of."""
+    chosen = representative_laps(laps)
+    shown = {Place(key, each.lane) for each in comparisons(chosen) for key in each.keys}
+    scenarios = {place.key.scenario for place in shown}
+    others = list(dict.fromkeys(lap.scenario for lap in laps if lap.scenario not in scenarios))
+    if RANDOM_COURSES in others:
+        others.remove(RANDOM_COURSES)
+        yield LeftOut('Deviation on random courses', 'each lap is on a course of its own')
+    if others:
+        why = f"{MOST_OTHER_COURSES} courses beside the paper's are drawn"
+        yield LeftOut(f'Deviation on {", ".join(others)}', why)
+    for place in chosen:
+        if place not in shown and place.key.scenario in scenarios:
+            why = f'{MOST_COMPARISONS} figures for a scenario and lane; the table has it'
+            yield LeftOut(f'Deviation, {place.key.words}, {place.lane} lane', why)
