@@ -331,5 +331,6 @@ def test_a_device_that_is_not_there_is_refused(
     monkeypatch.setenv('CUDA_VISIBLE_DEVICES', '')
     assert command(tmp_path / 'run', '--device', 'cuda') == 2
     assert 'q_learning.device: expected cpu, as there is no CUDA' in capsys.readouterr().err
+    assert not (tmp_path / 'run').exists()  # the same command without it can go there
     assert run(['train', 'rstdp', '--device', 'cuda', '--out', str(tmp_path / 'other')]) == 2
     assert '--device: expected the controller dqn, got rstdp' in capsys.readouterr().err

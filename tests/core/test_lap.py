@@ -193,6 +193,10 @@ def test_the_usual_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.Monk
             ('--param', 'simulator.camera.fov_deg=wide'),
             "simulator: camera.fov_deg: expected a number from 1 to 170 deg, got 'wide'",
         ),
+        (
+            ('--controller', 'rstdp', '--checkpoint', '/nowhere'),
+            "checkpoint: expected one of scenario_1, .* got '/nowhere'",
+        ),
     ],
 )
 def test_wrong_use_is_refused_in_one_line(

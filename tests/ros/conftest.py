@@ -1,6 +1,6 @@
 """What the tests of nodes share: a ROS domain of their own, and real node processes in it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 import os
 from pathlib import Path
 import signal
@@ -37,6 +37,11 @@ class NodeProcess:
                 start_new_session=True,
                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
+
+    @property
+    def name(self) -> str:
+        """Of its log, and so of the node and of when it was started."""
+        return self._log.stem
 
     @property
     def log(self) -> str:
@@ -87,6 +92,12 @@ class Graph:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
+    @property
+    def logs(self) -> str:
+        """What the processes have said, one after the other, with their exit status."""
+        said = (f'{process.name}, {process.status}:\n{process.log}' for process in self._processes)
+        return '\n'.join(said)
+
     def start(
         self, executable: str, parameters: Mapping[str, Any] | None = None, *arguments: str
     ) -> NodeProcess:
@@ -104,8 +115,7 @@ class Graph:
         deadline_s = time.monotonic() + DEADLINE_S
         while not (value := condition()):
             if time.monotonic() > deadline_s:
-                logs = '\n'.join(process.log for process in self._processes)
-                pytest.fail(f'waited {DEADLINE_S:g} s for {what}; the nodes said:\n{logs}')
+                pytest.fail(f'waited {DEADLINE_S:g} s for {what}')
             self._executor.spin_once(timeout_sec=TURN_S)
         return value
 
@@ -129,6 +139,16 @@ class Graph:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Show with a failure what the nodes of its graph said; their logs are gone afterwards."""
+    report = yield
+    nodes = getattr(item, 'funcargs', {}).get('graph')
+    if report.failed and nodes is not None:
+        report.sections.append(('the nodes, their exit status, and what they said', nodes.logs))
+    return report
 
 
 @pytest.fixture(scope='module')

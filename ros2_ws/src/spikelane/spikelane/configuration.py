@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import dataclasses
-from typing import Any, TypedDict
+from pathlib import Path
+from typing import Any, Protocol, TypedDict
 
-from spikelane_controllers.registry import controller_class
+from spikelane.run_folder import RunFolder, RUNS
+from spikelane_controllers.registry import controller_class, make_controller
+from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
@@ -89,6 +92,48 @@ def configure(
         'simulator': SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
         'controller_parameters': cls.from_mapping(groups[controller], controller),
     }
+
+
+class Run(Protocol):
+    """Anything that one controller takes part in."""
+
+    @property
+    def controller(self) -> str:
+        """Name in the controllers' registry."""
+
+    @property
+    def controller_parameters(self) -> Parameters:
+        """Of the controller's own class."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that determines the run, ready for YAML."""
+
+
+def configured_controller(run: Run) -> Controller:
+    """Make the controller of a run.
+
+    Raises:
+        SpikelaneError: Its weights cannot be read, or what it needs is not there.
+    """
+    return make_controller(run.controller, run.controller_parameters.to_dict())
+
+
+def make_run_folder(run: Run, name: str, out: Path | None) -> RunFolder:
+    """Make the folder that a run leaves, with its configuration in it.
+
+    Args:
+        run: What is going to be done.
+        name: The usual folder's, in RUNS; numbered where that exists.
+        out: Another folder instead, new or empty.
+
+    Raises:
+        SpikelaneError: The controller cannot be made: then there is no folder that would be in
+            the way of the next try. Or the folder is in use or cannot be made.
+    """
+    configured_controller(run)
+    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
+    folder.write_config(run.to_dict())
+    return folder
 
 
 def parameter_groups(

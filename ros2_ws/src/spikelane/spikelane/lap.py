@@ -8,14 +8,18 @@ from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
-from spikelane.configuration import Configuration, configure
+from spikelane.configuration import (
+    Configuration,
+    configure,
+    configured_controller,
+    make_run_folder,
+)
 from spikelane.figures import draw_lap
 from spikelane.loop import drive_episode
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import lap_name, RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.operations import Operations, sum_operations
-from spikelane_controllers.registry import make_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -86,7 +90,7 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
     """
     recorder = TrajectoryRecorder()
     operations: list[Operations] = []
-    controller = make_controller(config.controller, config.controller_parameters.to_dict())
+    controller = configured_controller(config)
     with Simulator(config.simulator) as simulator:
 
         def on_step(observation: Observation, wheels: WheelVelocities) -> None:
@@ -118,14 +122,11 @@ def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
         out: The folder, new or empty; None for the usual one, numbered where it exists.
 
     Raises:
-        SpikelaneError: The folder is in use or cannot be made.
+        SpikelaneError: As in `make_run_folder`.
     """
-    usual = Path('runs') / lap_name(
-        course_label(config.scenario), config.controller, config.lane, config.seed
-    )
-    folder = RunFolder.create(out or usual, numbered=out is None)
-    folder.write_config(config.to_dict())
-    return folder
+    scenario = course_label(config.scenario)
+    name = lap_name(scenario, config.controller, config.lane, config.seed)
+    return make_run_folder(config, name, out)
 
 
 def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[str, Any]:

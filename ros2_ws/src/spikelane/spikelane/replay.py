@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.comparison import Answer, compare, drive_metrics, write_answers
+from spikelane.configuration import configured_controller, make_run_folder
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.hosting import Host, image_size
-from spikelane_controllers.registry import controller_class, make_controller
+from spikelane_controllers.registry import controller_class
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import (
     controller_rng,
@@ -190,12 +191,9 @@ def make_folder(config: ReplayConfig, out: Path | None) -> RunFolder:
     """Make the folder a replay leaves, with its configuration in it.
 
     Raises:
-        SpikelaneError: The folder is in use or cannot be made.
+        SpikelaneError: As in `make_run_folder`.
     """
-    usual = Path('runs') / f'replay-{config.controller}-seed{config.seed}'
-    folder = RunFolder.create(out or usual, numbered=out is None)
-    folder.write_config(config.to_dict())
-    return folder
+    return make_run_folder(config, f'replay-{config.controller}-seed{config.seed}', out)
 
 
 def report_replay(
@@ -263,7 +261,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
 
 
 def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[Host, Sensor]:
-    controller: Any = make_controller(config.controller, config.controller_parameters.to_dict())
+    controller: Any = configured_controller(config)
     if getattr(controller, 'learning', False):
         controller.initialise(controller_rng(config.seed, 0))
     return Host(controller, config.seed), make_sensor(config, drive)

@@ -38,6 +38,9 @@ VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
 
 _GIT_S = 5.0  # to say which commit this is
 
+#: Where runs go that are not told where to.
+RUNS = Path('runs')
+
 
 class RunFolderError(FileError):
     """A run's folder cannot be made."""

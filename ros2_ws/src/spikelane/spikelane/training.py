@@ -11,10 +11,15 @@ from pathlib import Path
 import time
 from typing import Any, cast, NamedTuple, TYPE_CHECKING
 
-from spikelane.configuration import Configuration, configure
+from spikelane.configuration import (
+    Configuration,
+    configure,
+    configured_controller,
+    make_run_folder,
+)
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
-from spikelane_controllers.registry import make_controller, training_class
+from spikelane_controllers.registry import training_class
 from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
 from spikelane_controllers.states import read_states
 from spikelane_controllers.training import (
@@ -25,7 +30,7 @@ from spikelane_controllers.training import (
     TrainingParameters,
 )
 from spikelane_sim.contract import controller_rng, TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
-from spikelane_sim.course import load_course
+from spikelane_sim.course import course_label, load_course
 from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.simulator import Simulator
@@ -96,16 +101,33 @@ def make_config(
     return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
 
 
+def training_name(config: TrainConfig) -> str:
+    """Return the usual name of a training's folder."""
+    return f'train-{config.controller}-{course_label(config.scenario)}-seed{config.seed}'
+
+
+def make_folder(config: TrainConfig, out: Path | None) -> RunFolder:
+    """Make the folder a training leaves, with its configuration in it.
+
+    Args:
+        config: What is going to be learnt.
+        out: The folder, new or empty; None for the usual one, numbered where it exists.
+
+    Raises:
+        SpikelaneError: As in `make_run_folder`.
+    """
+    return make_run_folder(config, training_name(config), out)
+
+
 def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
     """Make the controller in training, new or as its last checkpoint left it.
 
     Raises:
         SpikelaneError: There is no checkpoint to resume from, or of another training.
     """
-    values = config.controller_parameters.to_dict()
     training = training_class(config.controller)(
         config.controller,
-        cast(LearningController, make_controller(config.controller, values)),
+        cast(LearningController, configured_controller(config)),
         config.training,
         _identity(config),
         folder.checkpoint,

@@ -15,7 +15,7 @@ from spikelane.commands.arguments import (
     progress,
 )
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
-from spikelane.run_folder import RunFolder
+from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.course import course_label
 
 #: The parameter of each pixel model that is its noise.
@@ -103,7 +103,7 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
-    path = out or Path('runs') / (
+    path = out or RUNS / (
         f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
     )
     if resume:

@@ -18,7 +18,7 @@ from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, State
 from spikelane.experiment.worker import locked
-from spikelane.run_folder import RunFolder
+from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.errors import ParameterError, SpikelaneError
 
 RETRIES = 2
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     """
     _check(options)
     plan = make_plan(read_experiment(options.file))
-    root: Path = options.out or Path('runs') / plan.name
+    root: Path = options.out or RUNS / plan.name
     if options.dry_run:
         _list(Runner(plan, root, options.retries), root, options.json)
         return 0

@@ -19,6 +19,7 @@ from spikelane.commands.experiment import (
 import spikelane.experiment
 from spikelane.experiment.file import read_experiment, with_seeds
 from spikelane.experiment.plan import make_plan
+from spikelane.run_folder import RUNS
 from spikelane_sim.errors import ParameterError
 
 #: Of the experiments' files, beside the code that does them.
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     if options.seeds is not None:
         record = with_seeds(record, options.seeds)
     plan = make_plan(record)
-    root: Path = options.out or Path('runs') / plan.name
+    root: Path = options.out or RUNS / plan.name
     results = do_plan(plan, root, lambda: local_engine(options.jobs), RETRIES, options.json)
     if not options.json:
         print(summary(results, root))

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 import time
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
 from spikelane.lap import Show
-from spikelane.run_folder import RunFolder
-from spikelane.training import make_config, report_training, train, TrainConfig
+from spikelane.run_folder import RunFolder, RUNS
+from spikelane.training import (
+    make_config,
+    make_folder,
+    report_training,
+    train,
+    TrainConfig,
+    training_name,
+)
 from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, training_names
 from spikelane_controllers.training import Training
-from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
 
 
@@ -62,7 +67,10 @@ def run(options: argparse.Namespace) -> int:
         given_parameters(options) | _device(options),
         options.steps,
     )
-    folder = _folder(config, options.out, options.resume)
+    if options.resume:
+        folder = RunFolder(options.out or RUNS / training_name(config))
+    else:
+        folder = make_folder(config, options.out)
     start_s = time.monotonic()
     with progress(options.json) as show:
         training = _train(config, folder, show, options.resume)
@@ -81,16 +89,6 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
     if options.controller != 'dqn':
         raise ParameterError(f'--device: expected the controller dqn, got {options.controller}')
     return {'dqn.q_learning.device': options.device}
-
-
-def _folder(config: TrainConfig, out: Path | None, resume: bool) -> RunFolder:
-    name = f'train-{config.controller}-{course_label(config.scenario)}-seed{config.seed}'
-    path = out or Path('runs') / name
-    if resume:
-        return RunFolder(path)
-    folder = RunFolder.create(path, numbered=out is None)
-    folder.write_config(config.to_dict())
-    return folder
 
 
 def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> Training:

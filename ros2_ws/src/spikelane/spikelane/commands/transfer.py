@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters
-from spikelane.run_folder import RunFolder
+from spikelane.run_folder import RunFolder, RUNS
 from spikelane.transfer import (
     make_config,
     report_transfer,
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _folder(config: TransferConfig, out: Path | None) -> RunFolder:
     name = f'transfer-{course_label(config.scenario)}-seed{config.seed}'
-    folder = RunFolder.create(out or Path('runs') / name, numbered=out is None)
+    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
     folder.write_config(config.to_dict())
     return folder
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from pathlib import Path
 import signal
 import sys
 import time
@@ -19,8 +18,8 @@ from spikelane.commands.arguments import (
 )
 from spikelane.executables import find_executable
 from spikelane.lap import LapConfig, make_config, make_folder, report_lap
-from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_training_config
+from spikelane.training import make_folder as make_training_folder
 from spikelane.training import report_training, TrainConfig
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
 from spikelane_controllers.registry import controller_names, training_names
@@ -129,10 +128,7 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     with progress(options.json) as show:
         if options.train:
             config = _training_config(options)
-            folder = RunFolder.create(
-                options.out or _usual_folder(config), numbered=not options.out
-            )
-            folder.write_config(config.to_dict())
+            folder = make_training_folder(config, options.out)
             training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
             return report_training(config, training, folder, None)
         lap = _lap_config(options)
@@ -158,10 +154,4 @@ def _training_config(options: argparse.Namespace) -> TrainConfig:
         'ros',
         given_parameters(options),
         options.steps,
-    )
-
-
-def _usual_folder(config: TrainConfig) -> Path:
-    return Path(
-        'runs', f'train-{config.controller}-{Path(config.scenario).stem}-seed{config.seed}'
     )
