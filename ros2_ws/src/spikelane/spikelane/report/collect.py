@@ -41,7 +41,7 @@ class ReportError(SpikelaneError):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class _Run:
+class Run:
     """What all runs have.
 
     Attributes:
@@ -49,7 +49,8 @@ class _Run:
         scenario: Of the paper, '1' to '3', or a course file's name; RANDOM_COURSES of laps of an
             evaluation on many of them.
         seed: Of the run.
-        setting: How its parameters differ from the paper's, in words; '' where they do not.
+        setting: How its parameters differ from the paper's, in words, or what that is named;
+            '' where they do not.
         folder: Where it is.
         config: What determined it.
         metrics: What came out.
@@ -65,7 +66,7 @@ class _Run:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Lap(_Run):
+class Lap(Run):
     """An episode driven without learning; `folder` has its trajectory.
 
     Attributes:
@@ -76,7 +77,7 @@ class Lap(_Run):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TrainingRun(_Run):
+class TrainingRun(Run):
     """A training.
 
     Attributes:
@@ -119,7 +120,7 @@ class TrainingRun(_Run):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TransferRun(_Run):
+class TransferRun(Run):
     """The transfer of a policy to a spiking network."""
 
     @property
@@ -151,15 +152,43 @@ class LeftOut(NamedTuple):
     why: str
 
 
+class NamedSetting(NamedTuple):
+    """What a setting's name stands for.
+
+    Attributes:
+        controller: Name in the controllers' registry.
+        kind: Of the runs that have it, in words.
+        name: Theirs for it.
+        words: How its parameters differ from the paper's.
+    """
+
+    controller: str
+    kind: str
+    name: str
+    words: str
+
+
 @dataclasses.dataclass(frozen=True)
 class Runs:
-    """All that was found."""
+    """All that was found.
+
+    Attributes:
+        laps: Driven without learning.
+        trainings: Of controllers that learn.
+        transfers: Of policies.
+        conditions: Of experiments that have them.
+        left_out: What cannot be used.
+        variants: What experiments call the settings of their runs, by the runs' folders.
+        settings: What names stand for that runs have for a setting.
+    """
 
     laps: list[Lap] = dataclasses.field(default_factory=list)
     trainings: list[TrainingRun] = dataclasses.field(default_factory=list)
     transfers: list[TransferRun] = dataclasses.field(default_factory=list)
     conditions: list[Conditions] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
+    settings: list[NamedSetting] = dataclasses.field(default_factory=list)
+    variants: dict[Path, str] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of runs that can be used."""
@@ -379,6 +408,13 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
         LeftOut(f'{folder}: {run["name"]}', run['message'])
         for run in listed
         if run['state'] == 'failed'
+    )
+    runs.variants.update(
+        {
+            folder / run['folder']: run['variants']
+            for run in listed
+            if run.get('folder') and run.get('variants')
+        }
     )
     if any(group.get('conditions') for group in results.get('groups', ())):
         runs.conditions.append(Conditions(folder, results))

@@ -30,18 +30,15 @@ from spikelane.report.comparisons import (
     representative_laps,
 )
 from spikelane.report.labels import (
-    cut,
-    distinct,
+    bar_label,
     file_name,
     label_of,
-    ROW_LETTERS,
-    short_label,
     title_of,
     words_of,
 )
 from spikelane.report.missing import missing
 from spikelane.report.paper import paper_value
-from spikelane.report.tables import by_key, PAPER_LANE, seeds_in_words, shown_name
+from spikelane.report.tables import by_key, PAPER_LANE, seeds_in_words
 from spikelane.report.training_times import first_lap_step, stable_step
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -249,8 +246,7 @@ def _compared(
     shown = [chosen[Place(key, lane)] for key in keys]
 
     def draw() -> tuple[Path, ...]:
-        labels = distinct([label_of(lap) for lap in shown])
-        drives = {label: first_lap_of(lap) for label, lap in zip(labels, shown, strict=True)}
+        drives = {label_of(lap): first_lap_of(lap) for lap in shown}
         title = f'Scenario {scenario}, {lane} lane'
         return draw_comparison(drives, course_of(shown[0]), folder / comparison.name, title)
 
@@ -265,8 +261,7 @@ def _compared(
 
 def _which(lap: Lap, group: Sequence[Lap]) -> str:
     """Say which drive of a group is shown, and which are not."""
-    setting = f' ({cut(lap.setting, ROW_LETTERS)})' if lap.setting else ''
-    words = f'{shown_name(lap.controller)}{setting}: seed {lap.seed}'
+    words = f'{label_of(lap)}: seed {lap.seed}'
     others = [each for each in group if each is not lap]
     if not others:
         return f'{words}, the only one'
@@ -301,15 +296,13 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
     from spikelane.figures.training_time import draw_training_time, TrainingTimes
 
     def draw() -> tuple[Path, ...]:
-        by_group = by_key(trainings)
-        labels = distinct([short_label(key) for key in by_group])
         groups = {
-            label: TrainingTimes(
+            bar_label(key): TrainingTimes(
                 [first_lap_step(run) for run in group],
                 [stable_step(run) for run in group],
                 style.RIGHT if key.controller == 'rstdp' else style.LEFT,
             )
-            for label, (key, group) in zip(labels, by_group.items(), strict=True)
+            for key, group in by_key(trainings).items()
         }
         return draw_training_time(groups, folder / 'training_time', 'Training time')
 

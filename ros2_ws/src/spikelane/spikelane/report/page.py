@@ -10,6 +10,7 @@ from typing import Any
 
 from spikelane.report.collect import collect, LeftOut, Runs
 from spikelane.report.figures import draw_figures, Drawn, Show
+from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.tables import all_tables, Table
 from spikelane.run_folder import versions
@@ -41,6 +42,7 @@ def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -
     """
     show('reading')
     runs = collect(paths)
+    name_settings(runs)
     tables = all_tables(runs)
     figures, not_drawn = draw_figures(runs, out / 'figures', show)
     commands, not_told = all_commands(runs)

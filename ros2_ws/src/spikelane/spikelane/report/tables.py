@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 import re
 from typing import Any, NamedTuple, TypeVar
 
-from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
+from spikelane.report.collect import Lap, NamedSetting, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value
 from spikelane.statistics import mean_statistics, share_statistics
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
@@ -119,6 +119,7 @@ def all_tables(runs: Runs) -> list[Table]:
     """Return the tables that these runs have something to say in."""
     tables = (
         _against_paper(runs),
+        _of_settings(runs.settings),
         _of_laps(runs.laps),
         _of_trainings(runs.trainings),
         _of_transfers(runs.transfers),
@@ -136,8 +137,8 @@ def _against_paper(runs: Runs) -> Table:
         "Results against the paper's",
         'Mean ± standard deviation over the runs that had one, with the 95 % confidence interval '
         "(Student's t) from two on; median and range. A step is 50 ms. Setting: what differs from "
-        "the paper's parameters. The paper's accuracy is on the states trained with, the one here "
-        'on states held out.',
+        "the paper's parameters, or its name. The paper's accuracy is on the states trained with, "
+        'the one here on states held out.',
         (
             'measure',
             'controller',
@@ -191,6 +192,16 @@ def _row_against_paper(
         f'{len(found)} of {len(values)}',
         seeds_in_words([seed for seed, _ in values]),
         paper.place if paper else _NOTHING,
+    )
+
+
+def _of_settings(settings: Sequence[NamedSetting]) -> Table:
+    rows = [(shown_name(each.controller), each.kind, each.name, each.words) for each in settings]
+    return Table(
+        'Settings',
+        "What differs from the paper's parameters in the settings that have names.",
+        ('controller', 'of', 'setting', 'what differs'),
+        sorted(rows),
     )
 
 
