@@ -50,13 +50,17 @@ def test_it_shows_a_graph_that_runs_and_ends_quietly(
     address = f'rerun+http://127.0.0.1:{port}/proxy'
     shown: dict[str, Any] = {}
     for attempt in range(ATTEMPTS):
-        # While it drives; what was published before it was looked for may be lost.
+        # While it drives; what was published before it was looked for may be lost. Steps of the
+        # driver before it may still be on their way: the new one must be there first, as a
+        # signal that comes while Python starts ends it with another status.
+        graph.until(lambda: node.count_publishers('wheel_velocities') == 1, 'the driver')
         already = len(published)
         graph.until(lambda already=already: len(published) > already + STEPS, 'steps')
         assert driver.stop() == 0  # so that nothing more comes and the client is done
         shown = shown_at(address, tmp_path / f'{attempt}.rrd')
         if shown.keys() >= WANTED:
             break
+        graph.until(lambda: not node.count_publishers('wheel_velocities'), "the driver's end")
         driver = graph.start('rstdp', {'checkpoint': course})  # the machine is busy
     assert shown.keys() >= WANTED
     distances = shown['/lane/distance']['Scalars:scalars']
