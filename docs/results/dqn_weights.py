@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""Ships weights from what dqn.sh and dqn_snn.sh have left: of each scenario, the median seed's.
+"""Ships weights from what `spikelane reproduce` has left: of each scenario, the median seed's.
 
-    source setup/env.sh; docs/results/dqn_weights.py DQN DQN_SNN
+    source setup/env.sh; docs/results/dqn_weights.py [runs/paper]
 
 With the paper's settings; the seed is that whose Q-network has the (lower) median error on the
-outer lane, of those that complete both lanes and have been transferred: neither the best nor the
-worst.
+outer lane, of those that complete both lanes: neither the best nor the worst.
 """
 
 from __future__ import annotations
@@ -14,53 +13,38 @@ from pathlib import Path
 import statistics
 import sys
 
-from tables import read_json
+from dqn_runs import read_learnt
 
 import spikelane_controllers
 from spikelane_controllers.transferred import export_transferred
 from spikelane_controllers.weights import export_weights
 
 SHIPPED = Path(spikelane_controllers.__file__).parent / 'weights'
-LANES = ('outer', 'inner')
 
 
 def main() -> None:
     """Write two files of weights for each scenario."""
-    if len(sys.argv) != 3:
-        sys.exit('usage: dqn_weights.py DQN DQN_SNN')
-    dqn, dqn_snn = map(Path, sys.argv[1:])
-    for folder in sorted(dqn.glob('?')):
-        transfers = dqn_snn / 'paper' / folder.name
-        errors = dict(outer_errors_m(folder, transfers))
-        if not errors:
-            continue
-        median = statistics.median_low(errors.values())
-        seed = next(seed for seed, error in errors.items() if error == median)
-        run = read_json(folder / f'{seed}.train.json')
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else 'runs/paper')
+    transfers = read_learnt(folder, 'dqn_snn', 'paper')
+    for scenario, runs in read_learnt(folder, 'dqn', 'paper').items():
+        errors_m = {run.seed: run.error_m('outer') for run in runs if run.completes}
+        median_m = statistics.median_low(list(filter(None, errors_m.values())))
+        learnt = next(run for run in runs if errors_m.get(run.seed) == median_m)
+        seed, name = learnt.seed, f'scenario_{scenario}.safetensors'
         trained = (
-            f'spikelane train dqn --scenario {folder.name} --seed {seed} --steps {run["steps"]}'
+            f'spikelane train dqn --scenario {scenario} --seed {seed} '
+            f'--steps {learnt.metrics["steps"]}'
         )
-        name = f'scenario_{folder.name}.safetensors'
-        export_weights('dqn', folder / seed, SHIPPED / f'dqn_{name}', trained)
-        print(f'dqn_{name}: {trained} (error {median:.4f} m, of {len(errors)} seeds)')
+        export_weights('dqn', learnt.folder, SHIPPED / f'dqn_{name}', trained)
+        print(f'dqn_{name}: {trained} (error {median_m:.4f} m, of {len(errors_m)} seeds)')
+        transfer = next(run for run in transfers[scenario] if run.seed == seed)
+        states = transfer.metrics['states_from']['gathered']
         transferred = (  # from where the training's command leaves it
-            f'spikelane transfer --checkpoint runs/train-dqn-{folder.name}-seed{seed} '
-            f'--scenario {folder.name} --seed {seed}'
+            f'spikelane transfer --checkpoint runs/train-dqn-{scenario}-seed{seed} '
+            f'--scenario {scenario} --seed {seed} --states {states}'
         )
-        export_transferred(transfers / seed, SHIPPED / f'dqn_snn_{name}', transferred)
+        export_transferred(transfer.folder, SHIPPED / f'dqn_snn_{name}', transferred)
         print(f'dqn_snn_{name}: {transferred}')
-
-
-def outer_errors_m(folder: Path, transfers: Path) -> list[tuple[str, float]]:
-    """Return seeds and errors on the outer lane of Q-networks that can be shipped."""
-    found = []
-    for file in sorted(folder.glob('*.train.json')):
-        seed = file.name.split('.')[0]
-        outer, inner = (read_json(folder / f'{seed}.{lane}.json') for lane in LANES)
-        is_transferred = (transfers / f'{seed}.transfer.json').exists()
-        if outer.get('completed') and inner.get('completed') and is_transferred:
-            found.append((seed, float(outer['mean_abs_distance_m'])))
-    return found
 
 
 if __name__ == '__main__':
