@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Learns with many seeds here and with Stable-Baselines3, as `spikelane bench dqn` does with one.
 
-    setup/bootstrap bench; source setup/env.sh; docs/results/dqn_against_sb3.py OUT [SEEDS]
+    setup/bootstrap test; source setup/env.sh; docs/results/dqn_against_sb3.py OUT [SEEDS]
 
 Prints the table of docs/results/dqn.md; about 2 minutes of a core for a seed. OUT, a folder, keeps
 a file for each seed; what is there is not done again.
