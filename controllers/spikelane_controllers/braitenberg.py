@@ -130,7 +130,8 @@ class Braitenberg:
             self._network, inputs, self.weights_pa, self._constants, self._delay
         )
         self.spikes = spike_counts(fired, len(self.neurons))
-        self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
+        # An input excites the neuron of its side alone.
+        self.operations = Operations(decisions=1, synaptic=len(inputs))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels

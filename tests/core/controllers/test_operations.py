@@ -40,16 +40,22 @@ def test_without_spikes_a_spiking_network_has_nothing_to_do(name: str) -> None:
     assert controller.operations == Operations()
 
 
-def test_each_input_spike_reaches_both_motor_neurons() -> None:
-    """32 inputs at 500 Hz: about 800 spikes in 50 ms, Poisson's, two synapses each."""
-    controller: Any = make_controller('braitenberg', {})
+@pytest.mark.parametrize(
+    ('name', 'rate_hz', 'synapses'), [('braitenberg', 500, 1), ('rstdp', 300, 2)]
+)
+def test_each_input_spike_counts_at_the_synapses_it_has(
+    name: str, rate_hz: int, synapses: int
+) -> None:
+    """32 inputs for 50 ms: each has one neuron or both; the numbers drawn are Poisson's."""
+    controller: Any = make_controller(name, {})
     controller.reset(np.random.default_rng(3))
     counts = []
     for _ in range(100):
         controller.step(busy())
         counts.append(controller.operations.synaptic)
-    assert all(count % 2 == 0 for count in counts)
-    assert np.mean(counts) == pytest.approx(1600, abs=4 * 2 * 800**0.5 / 10)
+    spikes = 32 * rate_hz * 0.05
+    assert all(count % synapses == 0 for count in counts)
+    assert np.mean(counts) == pytest.approx(synapses * spikes, abs=4 * synapses * spikes**0.5 / 10)
 
 
 def test_a_dqn_multiplies_every_weight_for_a_decision() -> None:
