@@ -20,6 +20,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from spikelane_sim.errors import SpikelaneError
+
 
 class NotForExecutors(CallbackGroup):
     """Keeps executors away from the subscriptions in it."""
@@ -43,8 +45,9 @@ class DirectSubscriptions:
     """Some subscriptions of a node, with one thread that waits for and handles their messages.
 
     Messages of one topic are handled in order; of several topics that have messages waiting, the
-    one subscribed to first comes first. An exception in a handler is a bug: it is logged and
-    ends the node with exit status 1, since a lockstep graph would wait for it for ever.
+    one subscribed to first comes first. An exception in a handler is logged and ends the node,
+    since a lockstep graph would wait for it for ever: a SpikelaneError in a line, with its exit
+    status; any other is a bug, logged whole, with exit status 1.
     """
 
     def __init__(self, node: Node, needs_all: Callable[[], bool] = lambda: False) -> None:
@@ -119,11 +122,14 @@ class DirectSubscriptions:
                 wait_set.wait(-1)
                 if context.ok():
                     self._handle()
-        except Exception:
+        except Exception as error:
             if not context.ok():
                 return  # a signal came in the middle of a message: nothing can be published
-            self._node.get_logger().fatal(traceback.format_exc())
-            self._node.exit_status = 1
+            reason, status = traceback.format_exc(), 1
+            if isinstance(error, SpikelaneError):
+                reason, status = str(error), error.exit_status
+            self._node.get_logger().fatal(reason)
+            self._node.exit_status = status
             context.try_shutdown()
 
     def _handle(self) -> None:
