@@ -20,8 +20,9 @@ class _Place(NamedTuple):
 class Host:
     """Gives a controller observations, and resets it wherever they begin another episode.
 
-    They do where the episode's number changes or its steps begin again. Observations without a
-    lane state belong to one episode that never ends, number 0 if there was none before.
+    They do where the episode's number changes or its steps begin again. A later step that is seen
+    twice, as after a reset of time alone, is within the episode. Observations without a lane state
+    belong to one episode that never ends, number 0 if there was none before.
     """
 
     def __init__(self, controller: Controller, seed: int) -> None:
@@ -45,7 +46,9 @@ class Host:
 
     def _begins(self, place: _Place) -> bool:
         last, self._last = self._last, place
-        return last is None or place.step <= last.step or place.episode != last.episode
+        if last is None or place.episode != last.episode:
+            return True
+        return place.step == 0 or place.step < last.step
 
 
 def image_size(parameters: Parameters) -> tuple[int, int]:

@@ -46,8 +46,15 @@ def test_a_controller_is_reset_where_an_episode_begins() -> None:
     """By its number, or as its steps begin again; a gap is no beginning."""
     assert drawn((1, 0), (1, 1), (2, 0)) == numbers(1, 2) + numbers(2, 1)
     assert drawn((1, 0), (1, 1), (1, 0), (1, 1)) == numbers(1, 2) * 2
+    assert drawn((1, 0), (1, 0), (1, 1)) == numbers(1, 1) + numbers(1, 2)
+    assert drawn((1, 4), (1, 9), (1, 3)) == numbers(1, 2) + numbers(1, 1)
     assert drawn((1, 4), (1, 9), (1, 10)) == numbers(1, 3)
     assert drawn((1, 4), (2, 9)) == numbers(1, 1) + numbers(2, 1)
+
+
+def test_a_step_seen_twice_is_in_the_same_episode() -> None:
+    """As after a reset of time alone, which observes the robot once more where it is."""
+    assert drawn((1, 0), (1, 1), (1, 1), (1, 2)) == numbers(1, 4)
 
 
 def test_without_lane_states_there_is_one_episode() -> None:
