@@ -61,6 +61,7 @@ class Driver:
         self._namespace = namespace
         self.seen: dict[str, list[Any]] = {}
         self.status: dict[str, str] = {}
+        self.levels: list[bytes] = []
         self.handled = 0
         node = graph.node
         topics_of_steps = {k: v for k, v in STEP_TOPICS.items() if k != 'event_camera/events'}
@@ -85,6 +86,7 @@ class Driver:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.diagnostics = message.status[0]
+        self.levels.append(self.diagnostics.level)
         self.status = {pair.key: pair.value for pair in self.diagnostics.values}
 
     def begin(self, lane: str = '', seed: int = SEED) -> EventPacket:
@@ -180,6 +182,17 @@ def test_while_nobody_answers_it_says_what_it_waits_for(driver: Driver) -> None:
     driver.graph.until(lambda: driver.status)
     assert driver.diagnostics.level == b'\x01'
     assert driver.diagnostics.message == 'playing'
+
+
+def test_a_drive_that_goes_on_is_nothing_to_warn_of(driver: Driver) -> None:
+    """An answer is waited for most of the time; one that the last message waited for, too, is."""
+    packet = driver.begin()
+    driver.levels.clear()
+    while len(driver.levels) < 3:
+        packet = driver.answer(packet, 0.0, 0.0)
+    assert driver.levels == [b'\x00'] * 3
+    driver.graph.until(lambda: len(driver.levels) >= 5)
+    assert driver.levels[4] == b'\x01'
 
 
 def test_all_messages_of_a_step_have_its_stamp(driver: Driver) -> None:

@@ -26,6 +26,7 @@ class SimulatorDiagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = (self._clock.now().nanoseconds, 0)
+        self._progress = (0, 0)  # steps and observations at the last message
         self._counts = CommandCounts()
         self._was_terminated = False
         self._was_answered = False
@@ -53,7 +54,7 @@ class SimulatorDiagnostics:
         status = DiagnosticStatus(
             name='simulator',
             hardware_id=self._simulator.parameters.robot.model,
-            level=DiagnosticStatus.WARN if self._stepper.is_waiting else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if self._is_stuck() else DiagnosticStatus.OK,
             message=self._stepper.state.name.lower(),
         )
         status.values = [
@@ -62,6 +63,11 @@ class SimulatorDiagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _is_stuck(self) -> bool:
+        """Return whether an answer is waited for that was already at the last message."""
+        before, self._progress = self._progress, (self._stepper.steps, self._topics.packets)
+        return self._stepper.is_waiting and self._progress == before
 
     def _values(self) -> dict[str, object]:
         counts = self._simulator.command_counts
