@@ -128,9 +128,12 @@ class Stepper:
 
     @property
     def is_answered(self) -> bool:
-        """Whether the last observation has been answered; the last of an episode is, too."""
+        """Whether the last observation has been answered, or needs no answer, as in real time.
+
+        In lockstep the last one of an episode is answered, too.
+        """
         with self._lock:
-            return self._answer is not None
+            return self._hold_ns is not None or self._answer is not None
 
     def begin(
         self,

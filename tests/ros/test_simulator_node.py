@@ -543,6 +543,17 @@ def test_a_stamped_twist_drives_where_it_is_asked_for(graph) -> None:
     assert driver.process.stop() == 0
 
 
+def test_a_simulator_in_real_time_ends_after_its_episodes(graph) -> None:
+    """Nobody answers there."""
+    parameters = {
+        'robot.model': 'kinematic',
+        'mode': 'realtime',
+        'episode.max_steps': 3,
+        'end_after_episodes': 1,
+    }
+    assert graph.start('simulator', parameters, '-r', '__ns:=/ending').wait() == 0
+
+
 def test_wrong_parameters_are_refused_with_one_line(graph) -> None:
     """Exit status 2; the line says what is allowed."""
     cases = [

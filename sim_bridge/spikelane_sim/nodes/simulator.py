@@ -53,7 +53,10 @@ class SimulatorNodeParameters(Parameters):
     )
     autostart: bool = parameter(True, 'Begin an episode at once instead of waiting for a service.')
     end_after_episodes: int = parameter(
-        0, 'End the node when this many episodes are over and answered; 0: never.', low=0
+        0,
+        'End the node when this many episodes are over, in lockstep when the last observation is '
+        'answered; 0: never.',
+        low=0,
     )
     lane: str = parameter('', 'Lane of the first episode; empty: the first of the course.')
     seed: int = parameter(0, 'Seed of all randomness.', low=0)
