@@ -138,6 +138,20 @@ class Simulator:
         """The seed last given to `reset`."""
         return self._seed
 
+    def clear(self, lane: str | None = None) -> None:
+        """Forget the episode: no time has passed, and the robot stands where one may begin.
+
+        Args:
+            lane: Name of the lane at whose start it is; None for the course's first.
+
+        Raises:
+            SpikelaneError: No such lane.
+        """
+        start = self.course.lane(self._next_lane(True) if lane is None else lane).start
+        self._robot.reset(start.x_m, start.y_m, start.heading_rad)
+        self._time_ns = 0
+        self._lane_state = None
+
     def reset_time(self) -> Observation:
         """Let simulation time begin again, and observe the present state at its first step.
 

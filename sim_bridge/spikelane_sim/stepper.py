@@ -80,8 +80,7 @@ class Stepper:
         Raises:
             SpikelaneError: No such lane.
         """
-        if lane is not None:
-            simulator.course.lane(lane)
+        simulator.clear(lane)
         self._simulator = simulator
         self._publish = publish
         self._seed, self._lane = seed, lane
@@ -123,8 +122,7 @@ class Stepper:
     def robot(self) -> tuple[int, RobotState]:
         """Return simulation time [ns] and the robot's pose and motion, between two steps."""
         with self._lock:
-            time_ns = 0 if self._state is RunState.STOPPED else self._simulator.time_ns
-            return time_ns, self._simulator.robot_state
+            return self._simulator.time_ns, self._simulator.robot_state
 
     @property
     def is_answered(self) -> bool:
@@ -150,14 +148,15 @@ class Stepper:
             lane: As in `Simulator.reset`; None for the first one's at the beginning of all.
             seed: As in `Simulator.reset`; None for the first one's at the beginning of all.
             episode: As in `Simulator.reset`.
-            from_time_zero: As in `Simulator.reset`.
+            from_time_zero: As in `Simulator.reset`; so it is at the beginning of all.
             on_published: Called with the first observation once it is published.
 
         Raises:
             SpikelaneError: As in `Simulator.reset`; nothing has changed then.
         """
         with self._lock:
-            if from_time_zero or self._observation is None:
+            from_time_zero |= self._observation is None
+            if from_time_zero:
                 lane = self._lane if lane is None else lane
                 seed = self._seed if seed is None else seed
             observation = self._simulator.reset(
@@ -222,11 +221,15 @@ class Stepper:
             self._state = RunState.PAUSED
 
     def stop(self) -> None:
-        """Pause, and forget everything: the next play begins at time zero with the first seed."""
+        """Pause, and forget everything: the next episode begins at time zero with the first seed.
+
+        The robot is put back at once.
+        """
         with self._lock:
             self._state = RunState.STOPPED
             self._observation = None
             self._answer = None
+            self._simulator.clear(self._lane)
             self.cancel_advance()
 
     def advance(self, steps: int, on_step: Callable[[int, bool], None]) -> None:

@@ -278,6 +278,33 @@ def test_stop_forgets_everything(stepper: Stepper, world: World, simulator: Simu
     assert stepper.steps == 1
 
 
+def test_a_stopped_robot_is_where_the_next_episode_begins(stepper: Stepper) -> None:
+    """At rest, at time 0; so it is before the first one."""
+    stamp_ns, before = stepper.robot()
+    assert (stamp_ns, before.position[:2]) == (0, (3.0, 0.25))
+    stepper.begin('inner')
+    stepper.command(STEP_NS, AHEAD)
+    stepper.stop()
+    assert stepper.robot() == (0, before)
+    stepper.pause()
+    assert stepper.robot() == (0, before)
+
+
+def test_a_reset_after_a_stop_begins_at_time_zero(
+    stepper: Stepper, world: World, simulator: Simulator
+) -> None:
+    """On the lane and with the seed asked for, else with the first ones; also in a pause."""
+    stepper.begin('inner', 4)
+    stepper.command(STEP_NS, AHEAD)
+    stepper.stop()
+    stepper.begin()
+    assert (world.published[-1], world.lane.lane, simulator.seed) == ((1, True), 'outer', 9)
+    stepper.stop()
+    stepper.pause()
+    stepper.begin('inner', 5)
+    assert (world.published[-1], world.lane.lane, simulator.seed) == ((1, True), 'inner', 5)
+
+
 def test_episodes_follow_each_other_in_time(stepper: Stepper, world: World) -> None:
     """Time goes on, lanes take turns, and a full reset begins at the beginning."""
     stepper.begin()

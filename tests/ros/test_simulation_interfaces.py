@@ -224,6 +224,20 @@ def test_play_after_stop_begins_at_time_zero(simulation: Simulation) -> None:
     assert (lane.lane, lane.episode, lane.step) == ('outer', 1, 0)
 
 
+def test_a_stopped_simulation_is_as_launched(simulation: Simulation) -> None:
+    """The robot is back at once, and a reset begins at time zero."""
+    simulation.begin(PAUSED)
+    assert simulation.code(SetEntityState, entity='pioneer') == OK
+    assert simulation.set_state(STOPPED) == OK
+    state = simulation.call(GetEntityState, entity='pioneer').state
+    assert to_stamp_ns(state.header.stamp) == 0
+    assert (state.pose.position.x, state.pose.position.y) == pytest.approx((3.0, 0.25))
+    simulation.forget()
+    assert simulation.call(Reset, lane='inner', seed=5).success
+    lane = simulation.see(STEP_NS)
+    assert (lane.lane, lane.episode, lane.step) == ('inner', 1, 0)
+
+
 def test_steps_are_refused_unless_paused(simulation: Simulation) -> None:
     """Code 4; zero steps are none."""
     simulation.begin(PLAYING)
