@@ -47,6 +47,10 @@ class Publish(NamedTuple):
     has_controller: Callable[[], bool]
 
 
+#: Told once: of the observation published, or of None where another episode or a stop came first.
+OnPublished = Callable[[Observation | None], None]
+
+
 class _Advance:
     """A number of steps asked for while the simulation is paused."""
 
@@ -89,7 +93,7 @@ class Stepper:
         self._state = RunState.STOPPED
         self._observation: Observation | None = None
         self._is_published = False
-        self._on_published: list[Callable[[Observation], None]] = []
+        self._on_published: list[OnPublished] = []
         self._answer: WheelVelocities | None = None
         self._command = STANDSTILL
         self._command_ns = 0
@@ -140,7 +144,7 @@ class Stepper:
         *,
         episode: int = 1,
         from_time_zero: bool = False,
-        on_published: Callable[[Observation], None] | None = None,
+        on_published: OnPublished | None = None,
     ) -> None:
         """Begin an episode, and play unless paused; steps asked for in the last one are dropped.
 
@@ -149,7 +153,8 @@ class Stepper:
             seed: As in `Simulator.reset`; None for the first one's at the beginning of all.
             episode: As in `Simulator.reset`.
             from_time_zero: As in `Simulator.reset`; so it is at the beginning of all.
-            on_published: Called with the first observation once it is published.
+            on_published: Called with the first observation once it is published; with None where
+                the next episode begins, or all stops, before that.
 
         Raises:
             SpikelaneError: As in `Simulator.reset`; nothing has changed then.
@@ -166,10 +171,14 @@ class Stepper:
             if self._state is RunState.STOPPED:
                 self._state = RunState.PLAYING
             self._command = STANDSTILL
+            self._tell_of(None)
             self._show(observation, on_published)
 
-    def reset_time(self, on_published: Callable[[Observation], None]) -> None:
+    def reset_time(self, on_published: OnPublished) -> None:
         """Let simulation time begin again within the episode.
+
+        Args:
+            on_published: As in `begin`, with the observation of the new time.
 
         Raises:
             SpikelaneError: No episode has begun since the start or the last `stop`.
@@ -231,6 +240,7 @@ class Stepper:
             self._answer = None
             self._simulator.clear(self._lane)
             self.cancel_advance()
+            self._tell_of(None)
 
     def advance(self, steps: int, on_step: Callable[[int, bool], None]) -> None:
         """Take some steps of a paused simulation; they are answered as in play.
@@ -335,9 +345,7 @@ class Stepper:
         is_fresh = self._simulator.time_ns - self._command_ns < self._hold_ns
         return self._command if is_fresh else STANDSTILL
 
-    def _show(
-        self, observation: Observation, on_published: Callable[[Observation], None] | None = None
-    ) -> None:
+    def _show(self, observation: Observation, on_published: OnPublished | None = None) -> None:
         self._observation = observation
         self._answer = None
         self._is_published = False
@@ -351,6 +359,9 @@ class Stepper:
             return
         is_new, self._is_published = not self._is_published, True
         self._publish.observation(observation, is_new)
+        self._tell_of(observation)
+
+    def _tell_of(self, observation: Observation | None) -> None:
         callbacks, self._on_published = self._on_published, []
         for callback in callbacks:
             callback(observation)

@@ -182,17 +182,36 @@ def test_a_wrong_reset_changes_nothing(stepper: Stepper, world: World) -> None:
 def test_nothing_is_published_until_all_hear_it(stepper: Stepper, world: World) -> None:
     """And who is told of the first observation waits as well."""
     world.is_heard = False
-    told: list[int] = []
-    stepper.begin(on_published=lambda observation: told.append(observation.stamp_ns))
+    told: list[Observation | None] = []
+    stepper.begin(on_published=told.append)
     stepper.audience_changed()
     stepper.command(STEP_NS, AHEAD)
     assert (world.published, told, stepper.ignored_commands) == ([], [], 1)
     assert not stepper.is_waiting
     world.is_heard = True
     stepper.audience_changed()
-    assert (world.published, told) == ([(1, True)], [STEP_NS])
+    assert (world.published, told) == ([(1, True)], world.observations)
     stepper.command(STEP_NS, AHEAD)
-    assert (world.published, told) == ([(1, True), (2, True)], [STEP_NS])
+    assert (world.published, told) == ([(1, True), (2, True)], world.observations[:1])
+
+
+def test_who_waits_for_an_episode_that_never_shows_is_told(stepper: Stepper, world: World) -> None:
+    """Of none, when another begins or all stops; a wrong reset replaces nothing."""
+    world.is_heard = False
+    told: dict[str, list[Observation | None]] = {'first': [], 'second': [], 'third': []}
+    stepper.begin('inner', on_published=told['first'].append)
+    with pytest.raises(SpikelaneError):
+        stepper.begin('middle')
+    assert told['first'] == []
+    stepper.begin('outer', on_published=told['second'].append)
+    stepper.reset_time(told['second'].append)
+    assert (told['first'], told['second']) == ([None], [])
+    stepper.stop()
+    assert told['second'] == [None, None]
+    stepper.begin(on_published=told['third'].append)
+    world.is_heard = True
+    stepper.audience_changed()
+    assert told == {'first': [None], 'second': [None] * 2, 'third': world.observations}
 
 
 def test_a_new_audience_gets_the_observation_that_waits(stepper: Stepper, world: World) -> None:
@@ -318,9 +337,10 @@ def test_a_reset_of_time_goes_on_with_the_episode(stepper: Stepper, world: World
     """Answers carry the new stamps."""
     stepper.begin()
     stepper.command(STEP_NS, AHEAD)
-    told: list[int] = []
-    stepper.reset_time(lambda observation: told.append(observation.stamp_ns))
-    assert (world.published[-1], told, world.lane.step) == ((1, True), [STEP_NS], 1)
+    told: list[Observation | None] = []
+    stepper.reset_time(told.append)
+    assert (world.published[-1], world.lane.step) == ((1, True), 1)
+    assert told == world.observations[-1:]
     stepper.command(STEP_NS, AHEAD)
     assert world.driven_steps == pytest.approx(2)
 

@@ -17,6 +17,8 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
+from simulation_interfaces.msg import Result, SimulationState
+from simulation_interfaces.srv import GetSimulationState, ResetSimulation, SetSimulationState
 from spikelane_msgs.msg import LaneState, WheelVelocities
 from spikelane_msgs.srv import Reset
 from std_msgs.msg import Float64, Float64MultiArray, String
@@ -602,4 +604,29 @@ def test_an_observation_waits_for_all_who_must_hear_it(graph) -> None:
     assert graph.result(answer).success
     graph.until(lambda: packets)
     assert stamp_of(packets[0]) == STEP_NS
+    assert process.stop() == 0
+
+
+def test_a_reset_that_takes_no_effect_is_answered(graph) -> None:
+    """It says so, where another one or a stop comes before anybody hears of it."""
+    parameters = {'robot.model': 'kinematic', 'autostart': 'false', 'wait_for_subscribers': 1}
+    process = graph.start('simulator', parameters, '-r', '__ns:=/over')
+    kinds = {'reset': Reset, 'reset_simulation': ResetSimulation}
+    clients = {
+        name: graph.node.create_client(kind, f'/over/simulator/{name}')
+        for name, kind in kinds.items()
+    }
+    graph.until(lambda: all(client.service_is_ready() for client in clients.values()))
+    first = clients['reset'].call_async(Reset.Request(lane='inner', seed=1))
+    state = SimulationState(state=SimulationState.STATE_STOPPED)
+    while state.state == SimulationState.STATE_STOPPED:
+        state = graph.call(GetSimulationState, '/over/simulator/get_simulation_state').state
+    second = clients['reset_simulation'].call_async(ResetSimulation.Request())
+    answer = graph.result(first)
+    assert answer.success is False
+    assert 'another reset or a stop' in answer.message
+    assert not second.done()
+    state.state = SimulationState.STATE_STOPPED
+    graph.call(SetSimulationState, '/over/simulator/set_simulation_state', state=state)
+    assert graph.result(second).result.result == Result.RESULT_OPERATION_FAILED
     assert process.stop() == 0

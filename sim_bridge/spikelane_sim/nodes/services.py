@@ -51,6 +51,7 @@ _SCOPES = (
     | ResetSimulation.Request.SCOPE_SPAWNED
 )
 _OK = Result(result=Result.RESULT_OK)
+_SUPERSEDED = 'another reset or a stop came before the first observation was published'
 
 
 def _failed(code: int, message: str) -> Result:
@@ -103,11 +104,15 @@ class SimulatorServices:
         except SpikelaneError as error:
             response.success, response.message = False, str(error)
             return response
-        first: Observation = await published.result()
+        seed = self._simulator.seed
+        first: Observation | None = await published.result()
+        if first is None:
+            response.success, response.message = False, _SUPERSEDED
+            return response
         response.success = True
         response.stamp = conversions.to_time(first.stamp_ns)
         response.lane, response.episode = first.lane.lane, first.lane.episode
-        response.seed = self._simulator.seed
+        response.seed = seed
         return response
 
     async def _reset_simulation(
@@ -135,7 +140,8 @@ class SimulatorServices:
             self._stepper.reset_time(published.complete)
         else:  # nothing can be spawned, so nothing is left to despawn
             return response
-        await published.result()
+        if await published.result() is None:
+            response.result = _failed(Result.RESULT_OPERATION_FAILED, _SUPERSEDED)
         return response
 
     def _begin_again(self, is_time: bool, published: Awaitable) -> None:
