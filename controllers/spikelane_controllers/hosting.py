@@ -54,7 +54,8 @@ class Host:
 def image_size(parameters: Parameters) -> tuple[int, int]:
     """Return width and height [px] of the image that a controller's parameters are made for.
 
-    That is the size of its encoding; 128 x 128 (DVS128) where it has none.
+    That is the size of its encoding; 128 x 128 (DVS128) where it has none. A camera's image is
+    scaled to it, a simulator's has to have it.
     """
     default = EncodingParameters()
     for field in dataclasses.fields(parameters):  # type: ignore[arg-type]

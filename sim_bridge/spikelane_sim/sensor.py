@@ -1,7 +1,8 @@
 """From the packets of any event camera to the steps that controllers are made for.
 
 A simulator sends one packet per step of 50 ms, of the size its controllers expect: it is decoded
-and taken as it is. A real camera knows nothing of steps, has another size and a clock of its own:
+and taken as it is; one of another size is refused. A real camera knows nothing of steps, has
+another size and a clock of its own:
 
 1. Its packets are decoded one after the other into the sensor's time (`codecs.Decoder`).
 2. The sensor's time is counted from the first event, and that from its packet's stamp: event at
@@ -70,6 +71,7 @@ class Sensor:
         width: int = 128,
         height: int = 128,
         has_lane: bool = False,
+        any_size: bool = False,
         sums_events: bool = False,
         on_fault: Callable[[str], None] = lambda reason: None,
         on_loss: Callable[[int], None] = lambda count: None,
@@ -81,6 +83,7 @@ class Sensor:
             width: Columns of the image that is wanted [px].
             height: Rows of the image that is wanted [px].
             has_lane: Whether lane states come with the packets, as from a simulator.
+            any_size: Whether a simulator's image may have another size, as nobody looks at it.
             sums_events: Whether on, off, sum_x and sum_y are kept, to compare with other decoders.
             on_fault: Told why a packet cannot be decoded.
             on_loss: Told how many packets are missing before one.
@@ -95,7 +98,7 @@ class Sensor:
                 'source: expected auto or simulator where lane states are used, got camera'
             )
         self._size = (width, height)
-        self._has_lane, self._sums_events = has_lane, sums_events
+        self._has_lane, self._any_size, self._sums_events = has_lane, any_size, sums_events
         self._on_fault, self._on_loss = on_fault, on_loss
         self._source = ('', 0, 0)  # encoding, width, height
         self._stamp_ns = self._sequence = 0
@@ -108,7 +111,8 @@ class Sensor:
         """Take the next packet; return the steps that are complete with it.
 
         Raises:
-            ParameterError: The part of the image asked for is not inside this camera's.
+            ParameterError: The part of the image asked for is not inside this camera's, or a
+                simulator's image has not the size that is wanted.
         """
         source = packet.encoding, packet.width, packet.height
         # Another camera, or the same one that began anew.
@@ -131,12 +135,19 @@ class Sensor:
             source == 'auto' and not self._has_lane and not is_step
         )
         self._bins = None
+        size = packet.width, packet.height
+        has_size = all(size)  # none at all is for the decoder to complain about
         if self.is_camera:
             crop = Crop(0, 0, 1, 1)
-            # No size at all is for the decoder to complain about.
-            if packet.width and packet.height:
+            if has_size:
                 crop = find_crop(packet.width, packet.height, self.parameters, *self._size)
             self._bins = Bins(self.parameters, crop, *self._size)
+        elif has_size and size != self._size and not self._any_size:
+            raise ParameterError(
+                f"event packets: expected a simulator's image of {self._size[0]} x "
+                f'{self._size[1]} px, as the controller wants, got {size[0]} x {size[1]} px; '
+                "only a camera's is scaled"
+            )
 
     def _lose(self, count: int) -> None:
         self.lost += count

@@ -194,6 +194,11 @@ def test_the_usual_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.Monk
             "simulator: camera.fov_deg: expected a number from 1 to 170 deg, got 'wide'",
         ),
         (
+            ('--param', 'simulator.camera.width=64'),
+            'simulator.camera.width, simulator.camera.height: expected 128 x 128 px, which '
+            'braitenberg is made for, got 64 x 128 px',
+        ),
+        (
             ('--controller', 'rstdp', '--checkpoint', '/nowhere'),
             "checkpoint: expected one of scenario_1, .* got '/nowhere'",
         ),
@@ -208,6 +213,14 @@ def test_wrong_use_is_refused_in_one_line(
     assert (out, err.count('\n')) == ('', 1)
     assert re.match(f'spikelane lap: {error}', err)
     assert not (tmp_path / 'lap').exists()
+
+
+def test_another_image_goes_with_a_controller_that_is_made_for_it() -> None:
+    """Both sizes are set."""
+    sizes = {'simulator.camera.width': 64, 'dqn.image.width': 64}
+    assert make_config('1', 'dqn', None, 0, 'inprocess', sizes).simulator.camera.width == 64
+    with pytest.raises(SpikelaneError, match=r'expected 64 x 128 px, .* got 128 x 128 px'):
+        make_config('1', 'dqn', None, 0, 'inprocess', {'dqn.image.width': 64})
 
 
 def test_an_unknown_controller_is_refused_in_one_line(

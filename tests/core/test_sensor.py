@@ -137,12 +137,21 @@ def simulated(stamp_ns: int, sequence: int) -> ReceivedPacket:
 @pytest.mark.parametrize('has_lane', [True, False])
 def test_the_steps_of_a_simulator_are_taken_as_they_are(has_lane: bool) -> None:
     """Told by its lane states or by the time base of the first packet."""
-    sensor = Sensor(has_lane=has_lane)
+    sensor = Sensor(width=256, has_lane=has_lane)
     for n in range(1, 4):
         (step,) = sensor.add(simulated(n * 50 * MS, n))
         assert step.stamp_ns == n * 50 * MS
         assert step.events['x'].tolist() == [3, 3, 200]
     assert sensor.is_camera is False
+
+
+@pytest.mark.parametrize('has_lane', [True, False])
+def test_a_simulator_of_another_size_is_refused(has_lane: bool) -> None:
+    """It is not scaled; unless nobody looks at it."""
+    with pytest.raises(ParameterError, match=r'image of 128 x 128 px, .* got 256 x 128 px'):
+        Sensor(has_lane=has_lane).add(simulated(50 * MS, 1))
+    (step,) = Sensor(has_lane=has_lane, any_size=True).add(simulated(50 * MS, 1))
+    assert step.events['x'].tolist() == [3, 3, 200]
 
 
 def test_lane_states_do_not_go_with_a_camera() -> None:
@@ -194,7 +203,7 @@ def test_lost_and_faulty_packets_are_told() -> None:
     assert sensor.add(bad._replace(data=b'123')) == []
     assert said == [2, 'mono packet: expected words of 8 bytes, got 3 bytes']
     assert (sensor.lost, sensor.faulty) == (2, 1)
-    sensor = Sensor(has_lane=True)
+    sensor = Sensor(width=256, has_lane=True)
     (step,) = sensor.add(simulated(50 * MS, 1)._replace(encoding='evt9'))
     assert len(step.events) == 0
 

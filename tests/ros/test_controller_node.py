@@ -306,6 +306,16 @@ def test_a_wrong_parameter_is_refused_with_one_line(graph) -> None:
     assert 'Traceback' not in process.log
 
 
+def test_a_simulator_of_another_size_is_refused(graph) -> None:
+    """With exit status 2 and one line."""
+    remapped = ('-r', '__ns:=/small')
+    graph.start('simulator', {'robot.model': 'kinematic', 'camera.width': 64}, *remapped)
+    process = graph.start('braitenberg', {}, *remapped)
+    assert process.wait() == 2
+    assert 'image of 128 x 128 px, as the controller wants, got 64 x 128 px' in process.log
+    assert process.log.count('\n') == 1
+
+
 @pytest.mark.parametrize('numbers', [(signal.SIGINT, signal.SIGTERM), (15, 2)])
 def test_signals_in_full_drive_end_both_nodes_quietly(graph, numbers: tuple[int, int]) -> None:
     """Exit status 0 and no traceback, whichever goes first."""

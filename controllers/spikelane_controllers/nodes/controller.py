@@ -119,7 +119,7 @@ class ControllerNode(Node):
         cls = controller_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._image_size = image_size(parameters)
-        _warm_up(cls(parameters))
+        _warm_up(cls(parameters), self._image_size)
         return cls(parameters)
 
     def _make_sensor(self) -> Sensor:
@@ -169,7 +169,7 @@ class ControllerNode(Node):
                 self._pairs.add_second(packet)
             else:
                 self._on_observation(None, packet)
-        except ParameterError as error:  # this camera has no such part of an image
+        except ParameterError as error:  # no such part of an image, or not the size wanted
             self.get_logger().fatal(f'sensor: {error}')
             self.exit_status = 2
             self.context.try_shutdown()
@@ -227,14 +227,16 @@ class ControllerNode(Node):
         self._states.publish(state)
 
 
-def _warm_up(controller: Controller) -> None:
+def _warm_up(controller: Controller, image_size: tuple[int, int]) -> None:
     """Take a step that nobody sees.
 
     Compiled kernels are loaded by the first call, or compiled: the robot must not wait for that.
     """
-    packet = EventPacket(width=1, height=1)
+    width, height = image_size
+    packet = EventPacket(width=width, height=height)
     conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
     lane = messages.lane_state_from_message(LaneState())
     controller.reset(controller_rng(0, 0))
-    for step in Sensor(has_lane=True).add(messages.received_packet(packet)):
+    sensor = Sensor(width=width, height=height, has_lane=True)
+    for step in sensor.add(messages.received_packet(packet)):
         controller.step(Observation(step.stamp_ns, step.events, lane))

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
 from spikelane.run_folder import RunFolder, RUNS
+from spikelane_controllers.hosting import image_size
 from spikelane_controllers.registry import controller_class, make_controller
+from spikelane_sim.camera import CameraParameters
 from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
@@ -84,14 +86,28 @@ def configure(
         parameters, {'simulator': {'course': scenario_course(scenario)}, controller: {}}
     )
     check_seed(seed)
+    simulator = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')
+    controller_parameters = cls.from_mapping(groups[controller], controller)
+    _check_image(simulator.camera, controller, controller_parameters)
     return {
         'scenario': scenario,
         'controller': controller,
         'seed': seed,
         'transport': transport,
-        'simulator': SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
-        'controller_parameters': cls.from_mapping(groups[controller], controller),
+        'simulator': simulator,
+        'controller_parameters': controller_parameters,
     }
+
+
+def _check_image(camera: CameraParameters, controller: str, parameters: Parameters) -> None:
+    """Refuse a camera whose image has not the size that the controller is made for."""
+    wanted = image_size(parameters)
+    if (camera.width, camera.height) != wanted:
+        raise ParameterError(
+            f'simulator.camera.width, simulator.camera.height: expected {wanted[0]} x '
+            f'{wanted[1]} px, which {controller} is made for, '
+            f'got {camera.width} x {camera.height} px'
+        )
 
 
 class Run(Protocol):

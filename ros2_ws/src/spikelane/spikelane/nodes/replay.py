@@ -83,7 +83,9 @@ class ReplayNode(Node):
         self._drive = RecordedDrive(Path(settings.bag), settings.events or None)
         self._has_lane = self._drive.has_lane and settings.use_lane_state
         # Only when which step is complete matters here, not what is seen in it.
-        self._sensor = Sensor(settings.sensor, has_lane=self._has_lane, sums_events=True)
+        self._sensor = Sensor(
+            settings.sensor, has_lane=self._has_lane, any_size=True, sums_events=True
+        )
         self._packets: Iterator[DrivePacket] = self._drive.packets()
         self._next: DrivePacket | None = next(self._packets, None)
         self._answers: list[Answer] = []
