@@ -50,6 +50,9 @@ _GRAVITY_M_S2 = 9.81
 # The solver stops once no constraint's velocity changes by more than the root of this. At
 # pybullet's default of 1e-7 a robot told to stand creeps by 0.02 mm/s.
 _SOLVER_RESIDUAL_M2_S2 = 1e-9
+# base_link may be this far off the height at which the wheels just touch the floor: as it is by
+# default, they stand 0.01 mm deep in it, the depth that Bullet leaves alone.
+_HEIGHT_TOLERANCE_M = 1e-4
 _BASE = -1  # pybullet's index of the base link
 _LEFT, _RIGHT = 0, 1  # and of the wheels, in the order they are given to it
 _WHEELS = (_LEFT, _RIGHT)
@@ -241,13 +244,14 @@ def _check_geometry(parameters: RobotParameters, description: Description) -> No
     """Refuse a geometry that the description does not have."""
     left, right = description.left, description.right
     described = {
-        'wheel_radius_m': left.contact_radius_m,
-        'track_m': left.origin_m[1] - right.origin_m[1],
-        'axle_x_m': left.origin_m[0],
+        'wheel_radius_m': (left.contact_radius_m, 1e-9),
+        'track_m': (left.origin_m[1] - right.origin_m[1], 1e-9),
+        'axle_x_m': (left.origin_m[0], 1e-9),
+        'height_m': (left.contact_radius_m - left.origin_m[2], _HEIGHT_TOLERANCE_M),
     }
-    for name, expected in described.items():
+    for name, (expected, tolerance) in described.items():
         value = getattr(parameters, name)
-        if abs(value - expected) > 1e-9:
+        if abs(value - expected) > tolerance:
             raise ParameterError(
                 f'{name}: expected {expected:g} as in {URDF_PATH.name}, got {value:g}; '
                 f'only the kinematic robot can have another'
