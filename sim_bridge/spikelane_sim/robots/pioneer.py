@@ -225,7 +225,8 @@ def _substeps(physics_step_s: float, poses_per_step: int) -> int:
     steps = round(STEP_S / physics_step_s)
     if poses_per_step < 1 or steps % poses_per_step:
         raise ParameterError(
-            f'poses_per_step: expected a divisor of {steps}, got {poses_per_step}'
+            f'pixels.esim.substeps: expected a divisor of {steps}, the steps of the physics in '
+            f'{STEP_S} s, got {poses_per_step}'
         )
     substeps = steps // poses_per_step
     interval_s = STEP_S / poses_per_step
