@@ -29,7 +29,10 @@ class QLearningParameters(Parameters):
     )
     buffer_size: int = parameter(5000, 'Last transitions kept.', low=1, source=_TABLE)
     random_steps: int = parameter(
-        1000, 'Steps before the first update, with random actions.', low=0, source=_TABLE
+        1000,
+        'Steps before the first update, in which exploration stays at its start.',
+        low=0,
+        source=_TABLE,
     )
     annealing_steps: int = parameter(
         49_000,

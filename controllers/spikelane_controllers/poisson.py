@@ -1,4 +1,4 @@
-"""Poisson spikes: how the counts of an image enter a spiking network (paper section 4.3).
+"""Poisson spikes: how the counts of an image enter a spiking network (paper section 4.2).
 
 Each cell of the image drives one input, whose rate is proportional to the cell's events and
 constant for a step. The inputs together are one Poisson process of the summed rate, each of its

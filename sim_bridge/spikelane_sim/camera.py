@@ -27,7 +27,7 @@ from spikelane_sim.parameters import parameter, Parameters
 #: Scanlines per row of pixels with anti-aliasing.
 ANTIALIAS_ROWS = 4
 
-_PAPER = "Paper section 3.1 (DVS128); the authors' scene"
+_PAPER = "Paper sections 2 and 3.2; the authors' scene"
 _SCENE = "The authors' scene"
 
 

@@ -1,4 +1,4 @@
-"""From events to images of counts: the inputs of the controllers (paper sections 3.2 and 4.3).
+"""From events to images of counts: the inputs of the controllers (paper sections 3.2 and 4.2).
 
 An image counts the events of square cells of pixels, whatever their polarity, after rows are
 cropped at the top and the bottom. Its row 0 is the top one and its column 0 the left one. The
@@ -29,7 +29,7 @@ class EncodingParameters(Parameters):
     height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1)
     crop_top: int = parameter(40, 'Rows left out at the top.', unit='px', low=0)
     crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0)
-    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, source='section 4.3')
+    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, source='section 4.2')
 
     @functools.cached_property
     def rows(self) -> int:

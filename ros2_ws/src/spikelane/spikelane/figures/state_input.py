@@ -1,7 +1,7 @@
 """The figure of what controllers see: events of the camera, and the images made of them.
 
 As in the paper's section 3.2: 4 x 4 pixels a cell, ten steps for the deep Q-network; and section
-4.3: 16 x 16 pixels a cell, one step for the spiking controllers.
+4.2: 16 x 16 pixels a cell, one step for the spiking controllers.
 """
 
 from __future__ import annotations
