@@ -60,7 +60,9 @@ def gather_states(
     Returns:
         Events in each cell over the last frames, at most 255, (states, rows * columns).
     """
-    rng = np.random.default_rng([seed, 2])  # 0 and 1: the simulator's and the controller's
+    # Seeds are padded with zeros: so begins the simulator's generator in episode 2, too, whose
+    # noise, if there is any, comes of the same numbers. Another one would gather other states.
+    rng = np.random.default_rng([seed, 2])
     image = StateImage(parameters.encoding)
     cells = parameters.encoding.rows * parameters.encoding.columns
     states = np.empty((parameters.states, cells), np.uint8)
