@@ -73,13 +73,13 @@ class Replay:
         )
 
     def state(self) -> State:
-        """Return all of it but how many were added, which is given to `restore`."""
+        """Return a copy of all of it but how many were added, which is given to `restore`."""
         return {
-            'replay.states': self._states,
-            'replay.next_states': self._next_states,
-            'replay.actions': self._actions,
-            'replay.rewards': self._rewards,
-            'replay.is_final': self._is_final,
+            'replay.states': self._states.copy(),
+            'replay.next_states': self._next_states.copy(),
+            'replay.actions': self._actions.copy(),
+            'replay.rewards': self._rewards.copy(),
+            'replay.is_final': self._is_final.copy(),
         }
 
     def restore(self, state: Mapping[str, Any], added: int) -> None:

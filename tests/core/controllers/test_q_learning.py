@@ -150,6 +150,18 @@ def test_a_restored_learner_goes_on_bit_for_bit() -> None:
     assert np.abs(whole.network.weights_1 - network_of().weights_1).max() > 1e-4
 
 
+def test_a_state_that_was_taken_stays_as_it_is() -> None:
+    """Whatever is learnt afterwards, also when the buffer of ten begins anew."""
+    learner, rng = learner_of(), np.random.default_rng(7)
+    steps = transitions(40)
+    teach(learner, steps[:23], rng)
+    taken = learner.state()
+    then = {name: np.array(value) for name, value in taken.items()}
+    teach(learner, steps[23:], rng)
+    for name, value in taken.items():
+        assert np.array_equal(value, then[name]), name
+
+
 @pytest.mark.parametrize(
     ('name', 'value', 'message'),
     [
