@@ -246,8 +246,8 @@ def advance_current(
 
 
 @numba.njit(cache=True)
-def merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
-    """Return the spikes that a window has to do with, in the order of grid steps; for kernels."""
+def _merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
+    """Return the spikes that a window has to do with, in the order of grid steps."""
     spikes = np.empty(len(in_flight) + len(inputs), SPIKE_DTYPE)
     spikes[: len(in_flight)] = in_flight
     spikes[len(in_flight) :] = inputs
@@ -255,8 +255,8 @@ def merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
 
 
 @numba.njit(cache=True)
-def keep_flying(spikes: Spikes, arrived: int, window: int) -> Spikes:
-    """Return the spikes from `arrived` on as the next window sees them; for kernels."""
+def _keep_flying(spikes: Spikes, arrived: int, window: int) -> Spikes:
+    """Return the spikes from `arrived` on as the next window sees them."""
     in_flight = spikes[arrived:].copy()
     for k in range(len(in_flight)):
         in_flight[k].step -= window
@@ -274,7 +274,7 @@ def _run(
     window: int,
 ) -> tuple[Neurons, Spikes, Spikes]:
     neurons = neurons.copy()
-    spikes = merge_spikes(in_flight, inputs)
+    spikes = _merge_spikes(in_flight, inputs)
     arriving_pa = np.zeros((window, len(neurons)))
     arrived = 0
     while arrived < len(spikes) and spikes[arrived].step + delay < window:
@@ -304,4 +304,4 @@ def _run(
                 fired[firings].step = step
                 fired[firings].source = index
                 firings += 1
-    return neurons, keep_flying(spikes, arrived, window), fired[:firings]
+    return neurons, _keep_flying(spikes, arrived, window), fired[:firings]
