@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,17 +109,6 @@ def read_network(controller: str, name: str, like: QNetwork) -> QNetwork:
         )
     except CheckpointError as error:
         raise CheckpointError(f'{file}: {error}') from None
-
-
-def write_weights(
-    path: Path, controller: str, weights_pa: NDArray[np.float64], facts: Mapping[str, Any]
-) -> None:
-    """Write weights [pA], (n_neurons, n_inputs), with facts about them of JSON's kinds.
-
-    Raises:
-        FileError: They cannot be written.
-    """
-    write_checkpoint(path, controller, {WEIGHTS: weights_pa}, facts)
 
 
 def export_weights(controller: str, checkpoint: Path, path: Path, command: str) -> None:

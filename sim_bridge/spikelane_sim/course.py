@@ -70,16 +70,6 @@ class LanePoints(NamedTuple):
     section: NDArray[np.int64]
 
 
-class Texture(NamedTuple):
-    """A picture of the ground from above."""
-
-    image: NDArray[np.uint8]  # (H, W), row 0 has the largest y; 255 is intensity 1
-    x_min_m: float  # left edge of the left column
-    x_max_m: float
-    y_min_m: float  # lower edge of the bottom row
-    y_max_m: float
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Lane:
     """A lane, driven in one direction.
@@ -183,25 +173,6 @@ class Course:
         x, y = np.broadcast_arrays(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64))
         painted = are_painted(self.ground.pieces, x.ravel(), y.ravel()).reshape(x.shape)
         return np.where(painted, self.ground.marking_intensity, self.ground.floor_intensity)
-
-    def texture(self, resolution_m: float, margin_m: float = 0.5) -> Texture:
-        """Draw the ground from above.
-
-        Args:
-            resolution_m: Width of a pixel, which has the intensity of its centre.
-            margin_m: Ground to be seen around the road.
-        """
-        half = self.road_width_m / 2
-        edges = np.concatenate([self.outline(half, 0.05), self.outline(-half, 0.05)])
-        x_min, y_min = (edges.min(axis=0) - margin_m).tolist()
-        x_max, y_max = (edges.max(axis=0) + margin_m).tolist()
-        n_x = math.ceil((x_max - x_min) / resolution_m)
-        n_y = math.ceil((y_max - y_min) / resolution_m)
-        x = x_min + (np.arange(n_x) + 0.5) * resolution_m
-        y = y_min + (np.arange(n_y)[::-1] + 0.5) * resolution_m
-        image = np.rint(255.0 * self.intensity(x[np.newaxis, :], y[:, np.newaxis]))
-        x_max, y_max = x_min + n_x * resolution_m, y_min + n_y * resolution_m
-        return Texture(image.astype(np.uint8), x_min, x_max, y_min, y_max)
 
     def outline(self, line: str | float, step_m: float) -> NDArray[np.float64]:
         """Return points along a lane's centre, or along a parallel to the road's centre line.

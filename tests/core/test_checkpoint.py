@@ -16,7 +16,6 @@ from spikelane_controllers.weights import (
     read_weights,
     shipped_weights,
     WEIGHTS,
-    write_weights,
 )
 from spikelane_sim.errors import CheckpointError
 
@@ -52,7 +51,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 def test_a_controller_drives_with_the_weights_of_a_checkpoint(tmp_path: Path) -> None:
     """Not those drawn from a generator, also when it forgets all; it does not learn."""
     file = tmp_path / 'weights.safetensors'
-    write_weights(file, 'rstdp', GOOD, {})
+    write_checkpoint(file, 'rstdp', {WEIGHTS: GOOD}, {})
     controller = RStdp(RStdpParameters(checkpoint=str(file)))
     assert (controller.weights_pa == GOOD).all()
     assert controller.learning is False
@@ -99,7 +98,7 @@ def test_the_weights_of_a_training_are_exported_with_their_command(tmp_path: Pat
 def test_other_weights_are_refused(tmp_path: Path, weights: np.ndarray, message: str) -> None:
     """In one line that names the file and the array."""
     file = tmp_path / 'w.safetensors'
-    write_weights(file, 'rstdp', weights, {})
+    write_checkpoint(file, 'rstdp', {WEIGHTS: weights}, {})
     with pytest.raises(CheckpointError, match=message) as caught:
         weights_of(file)
     assert str(caught.value).startswith(f'{file}: {WEIGHTS}: expected ')
@@ -111,7 +110,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
     from safetensors.numpy import save_file
 
     file = tmp_path / 'w.safetensors'
-    write_weights(file, 'dqn', GOOD, {})
+    write_checkpoint(file, 'dqn', {WEIGHTS: GOOD}, {})
     with pytest.raises(CheckpointError, match='expected controller rstdp, got dqn'):
         weights_of(file)
     write_checkpoint(file, 'rstdp', {'other': GOOD}, {})
@@ -133,7 +132,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
 def test_a_truncated_checkpoint_is_refused(tmp_path: Path, missing: int | None) -> None:
     """Wherever it ends."""
     file = tmp_path / 'w.safetensors'
-    write_weights(file, 'rstdp', GOOD, {})
+    write_checkpoint(file, 'rstdp', {WEIGHTS: GOOD}, {})
     file.write_bytes(file.read_bytes()[: None if missing is None else -missing])
     if missing is None:
         file.write_bytes(b'')

@@ -19,7 +19,7 @@ from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, make_training, train, TrainConfig, training_metrics
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.training import Termination, Training
-from spikelane_controllers.weights import write_weights
+from spikelane_controllers.weights import WEIGHTS
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -238,7 +238,7 @@ def test_what_is_no_training_is_not_resumed(whole: Path, tmp_path: Path) -> None
     write_checkpoint(file, 'rstdp', arrays, facts)
     with pytest.raises(CheckpointError, match=r'network\.eligibility: expected finite numbers'):
         train_in(tmp_path, config_of(), resume=True)
-    write_weights(file, 'rstdp', np.ones((2, 32)), {})
+    write_checkpoint(file, 'rstdp', {WEIGHTS: np.ones((2, 32))}, {})
     with pytest.raises(CheckpointError, match='expected a training, got weights alone'):
         train_in(tmp_path, config_of(), resume=True)
 
