@@ -15,7 +15,7 @@ from spikelane.bag.writer import BagWriter
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.codecs import encode
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
-from spikelane_sim.events import Events
+from spikelane_sim.events import EVENT_DTYPE, Events
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 _MSGS = Path(__file__).parents[1] / 'msgs'
@@ -50,6 +50,14 @@ def _typestore() -> Any:
         text = (_MSGS / package / 'msg' / f'{stem}.msg').read_text()
         store.register(get_types_from_msg(text, name))
     return store
+
+
+def _check_events(events: Events, width: int, height: int) -> None:
+    assert (events.dtype, events.ndim) == (EVENT_DTYPE, 1)
+    assert (events['x'] < width).all()
+    assert (events['y'] < height).all()
+    assert np.isin(events['polarity'], (-1, 1)).all()
+    assert (np.diff(events['t']) >= 0).all()
 
 
 class Drives:
@@ -216,6 +224,12 @@ class Drives:
 
 def _type_of(topic: str) -> str:
     return next(name for end, name in _TYPES.items() if topic.endswith(end))
+
+
+@pytest.fixture(scope='session')
+def check_events() -> Callable[[Events, int, int], None]:
+    """Give what checks that events are what is relied on, for a sensor of a width and height."""
+    return _check_events
 
 
 @pytest.fixture(scope='session')

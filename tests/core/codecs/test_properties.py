@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from datetime import timedelta
 
 from hypothesis import given, settings
@@ -7,7 +8,7 @@ import pytest
 
 from spikelane_sim.codecs import DECODABLE, decode, Decoder, encode
 from spikelane_sim.errors import PacketError
-from spikelane_sim.events import check_events, Events, make_events
+from spikelane_sim.events import Events, make_events
 
 STEP_NS = 50_000_000
 ROUND_NS = 2**24 * 1000
@@ -113,7 +114,12 @@ PAYLOADS = st.one_of(
     st.sampled_from([(1, 1), (8, 8), (640, 480), (2048, 2048), (0, 5), (70_000, 5)]),
 )
 def test_any_bytes_give_valid_events_or_a_packet_error(
-    encoding: str, payloads: list[bytes], stamp_ns: int, time_base_ns: int, size: tuple[int, int]
+    check_events: Callable[[Events, int, int], None],
+    encoding: str,
+    payloads: list[bytes],
+    stamp_ns: int,
+    time_base_ns: int,
+    size: tuple[int, int],
 ) -> None:
     """Never another exception, by either way of decoding."""
     decoder = Decoder()

@@ -1,10 +1,12 @@
 """The pixels of the paper's simulation."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.events import check_events
+from spikelane_sim.events import Events
 from spikelane_sim.pixels import CoppeliaParameters, CoppeliaPixels
 
 STEP_NS = 50_000_000
@@ -133,7 +135,9 @@ def noisy_pixels(rate_hz: float, seed: int = 0) -> CoppeliaPixels:
     return pixels
 
 
-def test_noise_comes_at_its_rate_on_as_often_as_off() -> None:
+def test_noise_comes_at_its_rate_on_as_often_as_off(
+    check_events: Callable[[Events, int, int], None],
+) -> None:
     """2 Hz of 5,000 pixels are 500 events in a step; one per pixel at most leaves 475.8."""
     pixels, grey = noisy_pixels(2.0), np.full((1, 50, 100), 0.5, np.float32)
     steps = [pixels.step(grey, n * STEP_NS, (n + 1) * STEP_NS) for n in range(1, 101)]

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from spikelane_sim.errors import ParameterError, SpikelaneError
-from spikelane_sim.events import check_events
 from spikelane_sim.pixels import make_pixel_model, PixelModel, PixelParameters
 
 STEP_NS = 50_000_000
@@ -94,7 +93,7 @@ def test_the_paper_s_sensor_takes_one_image_per_step_and_the_real_one_its_subste
     refractory_s=strategies.sampled_from([0.0, 1e-6, 0.001]),
 )
 def test_events_come_ordered_by_time_row_and_column_inside_their_step(
-    name, seed, width, height, substeps, step_us, latency_s, refractory_s
+    check_events, name, seed, width, height, substeps, step_us, latency_s, refractory_s
 ) -> None:
     """On random images with noise, whatever the size, step, latency and refractory period."""
     pixels = model(
