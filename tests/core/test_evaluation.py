@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import json
+import os
 from pathlib import Path
 import signal
 from typing import Any
@@ -13,6 +14,7 @@ import yaml
 
 from spikelane import lap
 from spikelane.evaluation import evaluate, EvaluateConfig, evaluation_metrics, make_config
+from spikelane.lock import locked
 from spikelane.main import run
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
@@ -185,6 +187,22 @@ def test_the_command_leaves_a_folder_and_goes_on_in_it(
     assert command(*given, '--seeds', '3', '--resume') == 2
     error = capsys.readouterr().err
     assert 'expected a run with evaluation.seeds 3, got one with 2' in error
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+def test_two_do_not_evaluate_in_one_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other's laps stay as they are; who is at work there is said."""
+    given = ('--out', str(tmp_path / 'run'), '--lanes', 'outer')
+    assert command(*given) == 0
+    capsys.readouterr()
+    (tmp_path / 'run/laps/outer-seed0/metrics.json').unlink()
+    with locked(tmp_path / 'run'):
+        assert command(*given, '--resume') == 1
+    error = f'{tmp_path / "run"}: another process works here: {os.getpid()}'
+    assert capsys.readouterr().err == f'spikelane evaluate: {error}\n'
+    assert (tmp_path / 'run/laps/outer-seed0/trajectory.csv').exists()
 
 
 @pytest.mark.usefixtures('_signals_as_before')

@@ -15,6 +15,7 @@ from spikelane.commands.arguments import (
     progress,
 )
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
+from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.course import course_label
 
@@ -81,11 +82,12 @@ def run(options: argparse.Namespace) -> int:
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
     folder = _folder(config, options.out, options.resume)
-    with progress(options.json, '%') as show:
-        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
-    result = {**metrics, 'folder': str(folder.path)}
-    if 'by_course' in metrics['summary']:
-        result['figure'] = str(draw_some_courses(config, folder, metrics))
+    with locked(folder.path):
+        with progress(options.json, '%') as show:
+            metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+        result = {**metrics, 'folder': str(folder.path)}
+        if 'by_course' in metrics['summary']:
+            result['figure'] = str(draw_some_courses(config, folder, metrics))
     print(json.dumps(result) if options.json else _summary(result))
     return 0
 

@@ -18,6 +18,7 @@ from spikelane.commands.arguments import (
 )
 from spikelane.executables import find_executable
 from spikelane.lap import LapConfig, make_config, make_folder, report_lap
+from spikelane.lock import locked
 from spikelane.training import make_config as make_training_config
 from spikelane.training import make_folder as make_training_folder
 from spikelane.training import report_training, TrainConfig
@@ -129,8 +130,9 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
         if options.train:
             config = _training_config(options)
             folder = make_training_folder(config, options.out)
-            training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
-            return report_training(config, training, folder, None)
+            with locked(folder.path):
+                training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
+                return report_training(config, training, folder, None)
         lap = _lap_config(options)
         folder = make_folder(lap, options.out)
         return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
