@@ -206,6 +206,19 @@ def test_two_do_not_evaluate_in_one_folder(
 
 
 @pytest.mark.usefixtures('_signals_as_before')
+def test_weights_that_cannot_be_read_leave_no_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same command with others can go there."""
+    (tmp_path / 'weights').write_bytes(b'not these')
+    given = ('--controller', 'rstdp', '--out', str(tmp_path / 'run'))
+    assert command(*given, '--checkpoint', str(tmp_path / 'weights')) == 2
+    error = f'spikelane evaluate: {tmp_path / "weights"}: expected a whole safetensors file'
+    assert capsys.readouterr().err.startswith(error)
+    assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.usefixtures('_signals_as_before')
 def test_noise_is_that_of_the_pixel_model(tmp_path: Path) -> None:
     """Each has its own parameter."""
     out = tmp_path / 'run'

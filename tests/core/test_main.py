@@ -189,3 +189,33 @@ def test_without_ros_no_node_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in executables():
         with pytest.raises(SpikelaneError, match=f'node {name}: .* source install/setup.bash'):
             find_executable(name)
+
+
+@pytest.mark.parametrize('command', [['lap'], ['train', 'rstdp'], ['evaluate']])
+@pytest.mark.parametrize(
+    ('missing', 'error'),
+    [
+        ('spikelane_msgs', '--transport ros: expected ROS 2 and the built workspace, got '),
+        ('', 'node simulator: package spikelane_sim is not in AMENT_PREFIX_PATH'),
+    ],
+)
+def test_where_nodes_cannot_be_started_no_folder_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    command: list[str],
+    missing: str,
+    error: str,
+) -> None:
+    """The same command can go there once they can."""
+    if missing:
+        for module in ('spikelane_msgs', 'spikelane_msgs.srv'):
+            monkeypatch.setitem(sys.modules, module, None)
+        monkeypatch.delitem(sys.modules, 'spikelane.nodes.lap', raising=False)
+    else:
+        pytest.importorskip('spikelane_msgs')
+        monkeypatch.delenv('AMENT_PREFIX_PATH')
+    out = tmp_path / 'run'
+    assert run([*command, '--transport', 'ros', '--out', str(out)]) == 2
+    assert capsys.readouterr().err.startswith(f'spikelane {command[0]}: {error}')
+    assert not out.exists()

@@ -14,6 +14,7 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
+from spikelane.configuration import make_run_folder
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
@@ -105,15 +106,11 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
-    path = out or RUNS / (
-        f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
-    )
-    if resume:
-        folder = RunFolder(path)
-        folder.check_config(config.to_dict())
-        return folder
-    folder = RunFolder.create(path, numbered=out is None)
-    folder.write_config(config.to_dict())
+    name = f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
+    if not resume:
+        return make_run_folder(config, name, out)
+    folder = RunFolder(out or RUNS / name)
+    folder.check_config(config.to_dict())
     return folder
 
 
