@@ -219,6 +219,18 @@ def test_weights_that_cannot_be_read_leave_no_folder(
 
 
 @pytest.mark.usefixtures('_signals_as_before')
+@pytest.mark.parametrize('laps', ['0', '-1'])
+def test_a_drive_without_end_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], laps: str
+) -> None:
+    """As a controller that keeps its lane would drive no laps in a row."""
+    assert command('--laps', laps, '--out', str(tmp_path / 'run')) == 2
+    error = f'spikelane evaluate: --laps: expected a whole number from 1, got {laps}\n'
+    assert capsys.readouterr().err == error
+    assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.usefixtures('_signals_as_before')
 def test_noise_is_that_of_the_pixel_model(tmp_path: Path) -> None:
     """Each has its own parameter."""
     out = tmp_path / 'run'

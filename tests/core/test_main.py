@@ -219,3 +219,22 @@ def test_where_nodes_cannot_be_started_no_folder_is_made(
     assert run([*command, '--transport', 'ros', '--out', str(out)]) == 2
     assert capsys.readouterr().err.startswith(f'spikelane {command[0]}: {error}')
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ('options', 'error'),
+    [
+        ('--controller rstdp --train --checkpoint x', '--checkpoint, --lane: expected no --train'),
+        ('--controller rstdp --train --lane inner', '--checkpoint, --lane: expected no --train'),
+        ('--controller rstdp --steps 100', '--steps: expected --train beside it'),
+        ('--steps 100', '--steps: expected --train beside it'),
+    ],
+)
+def test_what_a_view_would_not_heed_is_refused(
+    capsys: pytest.CaptureFixture[str], options: str, error: str
+) -> None:
+    """Before anything is shown."""
+    assert run(['view', *options.split()]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)
+    assert err.startswith(f'spikelane view: {error}')

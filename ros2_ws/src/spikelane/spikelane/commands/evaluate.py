@@ -19,6 +19,7 @@ from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, ma
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.course import course_label
+from spikelane_sim.errors import ParameterError
 
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
@@ -94,6 +95,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    # Of a simulator's 0 laps there is no end.
+    if options.laps is not None and options.laps < 1:
+        raise ParameterError(f'--laps: expected a whole number from 1, got {options.laps}')
     given = given_parameters(options) | given_weights(options)
     model = str(given.get('simulator.pixels.model', 'coppelia'))
     flags = {

@@ -77,8 +77,12 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
+    if options.steps is not None and not options.train:
+        raise ParameterError('--steps: expected --train beside it')
     if not options.controller:
         return _become_viewer(options)
+    if options.train and (options.checkpoint or options.lane):
+        raise ParameterError('--checkpoint, --lane: expected no --train beside them')
     if options.domain is not None or options.namespace:
         raise ParameterError('--domain, --namespace: expected no --controller beside them')
     if options.transport != 'ros':
