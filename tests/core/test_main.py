@@ -14,6 +14,7 @@ import pytest
 
 from spikelane.executables import executables, find_executable
 from spikelane.main import COMMANDS, main, run
+from spikelane_controllers import registry
 from spikelane_sim.errors import PacketError, SpikelaneError
 
 
@@ -125,6 +126,27 @@ def test_an_error_is_told_in_one_line(
     fake_command(monkeypatch, error)
     assert run(['lap']) == status
     assert capsys.readouterr() == ('', 'spikelane lap: no such lane\n')
+
+
+def test_a_package_that_names_its_controller_wrongly_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """In one line, as every command that knows the controllers fails."""
+    installed = tmp_path / 'my_package-1.0.dist-info'
+    installed.mkdir()
+    (installed / 'METADATA').write_text('Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n')
+    (installed / 'entry_points.txt').write_text('[spikelane.controllers]\nMine = mine:Mine\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    registry._entries.cache_clear()
+    try:
+        assert run(['lap']) == 2
+    finally:
+        registry._entries.cache_clear()
+    assert capsys.readouterr() == (
+        '',
+        'spikelane lap: spikelane.controllers: expected a name of a-z, 0-9 and _ that no other '
+        "package has, got 'Mine' of package my_package\n",
+    )
 
 
 def test_a_bug_is_no_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
