@@ -68,6 +68,22 @@ def test_the_laps_are_those_of_each_course_lane_and_seed() -> None:
     assert [each.config.simulator.course for each in laps] == ['scenario_3', 'scenario_1']
 
 
+def test_a_course_or_lane_named_twice_is_driven_once() -> None:
+    """Also where ranges of random courses overlap."""
+    named = ['random:2', '3', 'random:1-2', '3']
+    laps = config_of({'lanes': ['inner', 'outer', 'inner'], 'courses': named}).laps()
+    assert [each.name for each in laps] == [
+        '001-random-0-inner-seed0',
+        '001-random-0-outer-seed0',
+        '002-random-1-inner-seed0',
+        '002-random-1-outer-seed0',
+        '003-3-inner-seed0',
+        '003-3-outer-seed0',
+        '004-random-2-inner-seed0',
+        '004-random-2-outer-seed0',
+    ]
+
+
 def test_each_lap_is_the_one_driven_alone(tmp_path: Path) -> None:
     """The same command with that lane and seed gives the same numbers."""
     metrics = evaluate_in(tmp_path, config_of({'seeds': 2}, seed=7))
