@@ -1,4 +1,8 @@
-"""A folder that one process at a time works in: two would destroy each other's results."""
+"""A folder that one process at a time works in: two would destroy each other's results.
+
+On a network file system only processes of one machine keep each other out: Linux locks a
+directory on the machine alone.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +54,7 @@ def _try_lock(descriptor: int) -> bool:
 
 
 def _holder(descriptor: int) -> str:
-    """Return who has the lock, in words; nothing where it is a process of another machine."""
+    """Return which process has the lock, to be put after a sentence; '' where none is told."""
     status = os.fstat(descriptor)
     device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
     place = f'{device}:{status.st_ino}'
