@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
 from spikelane.run_folder import RunFolder, RUNS
+from spikelane.transport import check_transport
 from spikelane_controllers.registry import controller_class, make_controller
 from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
@@ -127,10 +128,13 @@ def make_run_folder(run: Run, name: str, out: Path | None) -> RunFolder:
         out: Another folder instead, new or empty.
 
     Raises:
-        SpikelaneError: The controller cannot be made: then there is no folder that would be in
-            the way of the next try. Or the folder is in use or cannot be made.
+        SpikelaneError: The controller cannot be made, or its node not be started: then there is
+            no folder that would be in the way of the next try. Or the folder is in use or cannot
+            be made.
     """
     configured_controller(run)
+    if isinstance(run, Configuration):
+        check_transport(run.transport, run.controller)
     folder = RunFolder.create(out or RUNS / name, numbered=out is None)
     folder.write_config(run.to_dict())
     return folder
