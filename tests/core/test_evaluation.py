@@ -18,6 +18,7 @@ from spikelane.lock import locked
 from spikelane.main import run
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
+import spikelane_sim.course
 from spikelane_sim.errors import SpikelaneError
 
 SHORT: dict[str, Any] = {
@@ -203,6 +204,22 @@ def test_the_command_leaves_a_folder_and_goes_on_in_it(
     assert command(*given, '--seeds', '3', '--resume') == 2
     error = capsys.readouterr().err
     assert 'expected a run with evaluation.seeds 3, got one with 2' in error
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+def test_it_does_not_go_on_with_another_course_in_the_same_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Laps on both would be laid together."""
+    course = tmp_path / 'mine.yaml'
+    shipped = Path(spikelane_sim.course.__file__).parent / 'courses/scenario_1.yaml'
+    course.write_text(shipped.read_text())
+    given = ('--scenario', str(course), '--out', str(tmp_path / 'run'), '--lanes', 'outer')
+    assert command(*given) == 0
+    assert command(*given, '--resume') == 0
+    course.write_text(shipped.read_text() + '# another')
+    assert command(*given, '--resume') == 2
+    assert f'expected a run with inputs.{course} ' in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures('_signals_as_before')

@@ -7,6 +7,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
+from spikelane.inputs import input_digests
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane.transport import check_transport
 from spikelane_controllers.registry import controller_class, make_controller
@@ -136,8 +137,15 @@ def make_run_folder(run: Run, name: str, out: Path | None) -> RunFolder:
     if isinstance(run, Configuration):
         check_transport(run.transport, run.controller)
     folder = RunFolder.create(out or RUNS / name, numbered=out is None)
-    folder.write_config(run.to_dict())
+    folder.write_config(described(run))
     return folder
+
+
+def described(run: Run) -> dict[str, Any]:
+    """Return all that determines a run: its configuration, and what is in the files it names."""
+    values = run.to_dict()
+    inputs = input_digests(values)
+    return {**values, 'inputs': inputs} if inputs else values
 
 
 def parameter_groups(

@@ -14,7 +14,7 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
-from spikelane.configuration import make_run_folder
+from spikelane.configuration import described, make_run_folder
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
@@ -114,7 +114,7 @@ def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder
     if not resume:
         return make_run_folder(config, name, out)
     folder = RunFolder(out or RUNS / name)
-    folder.check_config(config.to_dict())
+    folder.check_config(described(config))
     return folder
 
 
