@@ -57,6 +57,11 @@ def write_checkpoint(
         write_text_atomically(path.with_suffix('.json'), json.dumps(head, indent=2) + '\n')
 
 
+def checkpoint_file(path: Path) -> Path:
+    """Return the file of a checkpoint that is named by it or by the folder it is in."""
+    return path / 'checkpoint.safetensors' if path.is_dir() else path
+
+
 def read_checkpoint(path: Path, controller: str) -> Checkpoint:
     """Read a checkpoint.
 
@@ -68,7 +73,7 @@ def read_checkpoint(path: Path, controller: str) -> Checkpoint:
         CheckpointError: It is not there, truncated, of another program, controller or version,
             or has numbers that are not finite; the message says which.
     """
-    file = path / 'checkpoint.safetensors' if path.is_dir() else path
+    file = checkpoint_file(path)
     arrays, metadata = _read_safetensors(file)
     head = _head(file, metadata)
     for name, expected in (

@@ -48,7 +48,8 @@ def read_learnt(folder: Path, controller: str, variant: str) -> dict[str, list[L
     own = [
         run
         for run in runs
-        if (run['controller'], run.get('variants'), run['state']) == (controller, variant, 'done')
+        if (run['controller'], run.get('variants')) == (controller, variant)
+        and run['state'] in ('done', 'found')
     ]
     driven = {
         (run['scenario'], run['seed']): read_json(folder / run['folder'] / 'metrics.json')['laps']

@@ -45,12 +45,12 @@ class Run(NamedTuple):
     @property
     def completes(self) -> bool:
         """Whether both lanes were driven three times in a row with learning off."""
-        return all(lap and lap['completed'] and lap['laps'] == 3 for lap in self.laps.values())
+        return all(self.error_m(lane) is not None for lane in LANES)
 
     def error_m(self, lane: str) -> float | None:
-        """Mean distance from the lane's centre in those laps."""
+        """Mean distance from the lane's centre in three laps in a row, None without."""
         lap = self.laps[lane]
-        return float(lap['mean_abs_distance_m']) if lap and lap['completed'] else None
+        return float(lap['mean_abs_distance_m']) if lap.get('laps') == 3 else None
 
 
 def main() -> None:

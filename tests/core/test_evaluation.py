@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import json
+import os
 from pathlib import Path
 import signal
 from typing import Any
@@ -13,9 +14,11 @@ import yaml
 
 from spikelane import lap
 from spikelane.evaluation import evaluate, EvaluateConfig, evaluation_metrics, make_config
+from spikelane.lock import locked
 from spikelane.main import run
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
+import spikelane_sim.course
 from spikelane_sim.errors import SpikelaneError
 
 SHORT: dict[str, Any] = {
@@ -64,6 +67,22 @@ def test_the_laps_are_those_of_each_course_lane_and_seed() -> None:
     laps = list(config_of({'lanes': ['inner'], 'courses': ['3', '1']}).laps())
     assert [each.name for each in laps] == ['001-3-inner-seed0', '002-1-inner-seed0']
     assert [each.config.simulator.course for each in laps] == ['scenario_3', 'scenario_1']
+
+
+def test_a_course_or_lane_named_twice_is_driven_once() -> None:
+    """Also where ranges of random courses overlap."""
+    named = ['random:2', '3', 'random:1-2', '3']
+    laps = config_of({'lanes': ['inner', 'outer', 'inner'], 'courses': named}).laps()
+    assert [each.name for each in laps] == [
+        '001-random-0-inner-seed0',
+        '001-random-0-outer-seed0',
+        '002-random-1-inner-seed0',
+        '002-random-1-outer-seed0',
+        '003-3-inner-seed0',
+        '003-3-outer-seed0',
+        '004-random-2-inner-seed0',
+        '004-random-2-outer-seed0',
+    ]
 
 
 def test_each_lap_is_the_one_driven_alone(tmp_path: Path) -> None:
@@ -185,6 +204,63 @@ def test_the_command_leaves_a_folder_and_goes_on_in_it(
     assert command(*given, '--seeds', '3', '--resume') == 2
     error = capsys.readouterr().err
     assert 'expected a run with evaluation.seeds 3, got one with 2' in error
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+def test_it_does_not_go_on_with_another_course_in_the_same_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Laps on both would be laid together."""
+    course = tmp_path / 'mine.yaml'
+    shipped = Path(spikelane_sim.course.__file__).parent / 'courses/scenario_1.yaml'
+    course.write_text(shipped.read_text())
+    given = ('--scenario', str(course), '--out', str(tmp_path / 'run'), '--lanes', 'outer')
+    assert command(*given) == 0
+    assert command(*given, '--resume') == 0
+    course.write_text(shipped.read_text() + '# another')
+    assert command(*given, '--resume') == 2
+    assert f'expected a run with inputs.{course} ' in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+def test_two_do_not_evaluate_in_one_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other's laps stay as they are; who is at work there is said."""
+    given = ('--out', str(tmp_path / 'run'), '--lanes', 'outer')
+    assert command(*given) == 0
+    capsys.readouterr()
+    (tmp_path / 'run/laps/outer-seed0/metrics.json').unlink()
+    with locked(tmp_path / 'run'):
+        assert command(*given, '--resume') == 1
+    error = f'{tmp_path / "run"}: another process works here: {os.getpid()}'
+    assert capsys.readouterr().err == f'spikelane evaluate: {error}\n'
+    assert (tmp_path / 'run/laps/outer-seed0/trajectory.csv').exists()
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+def test_weights_that_cannot_be_read_leave_no_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same command with others can go there."""
+    (tmp_path / 'weights').write_bytes(b'not these')
+    given = ('--controller', 'rstdp', '--out', str(tmp_path / 'run'))
+    assert command(*given, '--checkpoint', str(tmp_path / 'weights')) == 2
+    error = f'spikelane evaluate: {tmp_path / "weights"}: expected a whole safetensors file'
+    assert capsys.readouterr().err.startswith(error)
+    assert not (tmp_path / 'run').exists()
+
+
+@pytest.mark.usefixtures('_signals_as_before')
+@pytest.mark.parametrize('laps', ['0', '-1'])
+def test_a_drive_without_end_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], laps: str
+) -> None:
+    """As a controller that keeps its lane would drive no laps in a row."""
+    assert command('--laps', laps, '--out', str(tmp_path / 'run')) == 2
+    error = f'spikelane evaluate: --laps: expected a whole number from 1, got {laps}\n'
+    assert capsys.readouterr().err == error
+    assert not (tmp_path / 'run').exists()
 
 
 @pytest.mark.usefixtures('_signals_as_before')

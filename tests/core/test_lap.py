@@ -190,6 +190,10 @@ def test_the_usual_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.Monk
         (('--param', 'simulator.fov=1'), "simulator: unknown parameter 'fov'; expected course, "),
         (('--param', 'simulator.camera.fov_deg=[1'), 'simulator.camera.fov_deg: expected a value'),
         (
+            ('--param', 'simulator.course=2024-13-01'),
+            "simulator.course: expected a value as in YAML, got '2024-13-01'",
+        ),
+        (
             ('--param', 'simulator.camera.fov_deg=wide'),
             "simulator: camera.fov_deg: expected a number from 1 to 170 deg, got 'wide'",
         ),

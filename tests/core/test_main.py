@@ -14,6 +14,7 @@ import pytest
 
 from spikelane.executables import executables, find_executable
 from spikelane.main import COMMANDS, main, run
+from spikelane_controllers import registry
 from spikelane_sim.errors import PacketError, SpikelaneError
 
 
@@ -127,6 +128,27 @@ def test_an_error_is_told_in_one_line(
     assert capsys.readouterr() == ('', 'spikelane lap: no such lane\n')
 
 
+def test_a_package_that_names_its_controller_wrongly_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """In one line, as every command that knows the controllers fails."""
+    installed = tmp_path / 'my_package-1.0.dist-info'
+    installed.mkdir()
+    (installed / 'METADATA').write_text('Metadata-Version: 2.1\nName: my-package\nVersion: 1.0\n')
+    (installed / 'entry_points.txt').write_text('[spikelane.controllers]\nMine = mine:Mine\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    registry._entries.cache_clear()
+    try:
+        assert run(['lap']) == 2
+    finally:
+        registry._entries.cache_clear()
+    assert capsys.readouterr() == (
+        '',
+        'spikelane lap: spikelane.controllers: expected a name of a-z, 0-9 and _ that no other '
+        "package has, got 'Mine' of package my_package\n",
+    )
+
+
 def test_a_bug_is_no_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its traceback is for us."""
     fake_command(monkeypatch, ZeroDivisionError())
@@ -189,3 +211,52 @@ def test_without_ros_no_node_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in executables():
         with pytest.raises(SpikelaneError, match=f'node {name}: .* source install/setup.bash'):
             find_executable(name)
+
+
+@pytest.mark.parametrize('command', [['lap'], ['train', 'rstdp'], ['evaluate']])
+@pytest.mark.parametrize(
+    ('missing', 'error'),
+    [
+        ('spikelane_msgs', '--transport ros: expected ROS 2 and the built workspace, got '),
+        ('', 'node simulator: package spikelane_sim is not in AMENT_PREFIX_PATH'),
+    ],
+)
+def test_where_nodes_cannot_be_started_no_folder_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    command: list[str],
+    missing: str,
+    error: str,
+) -> None:
+    """The same command can go there once they can."""
+    if missing:
+        for module in ('spikelane_msgs', 'spikelane_msgs.srv'):
+            monkeypatch.setitem(sys.modules, module, None)
+        monkeypatch.delitem(sys.modules, 'spikelane.nodes.lap', raising=False)
+    else:
+        pytest.importorskip('spikelane_msgs')
+        monkeypatch.delenv('AMENT_PREFIX_PATH')
+    out = tmp_path / 'run'
+    assert run([*command, '--transport', 'ros', '--out', str(out)]) == 2
+    assert capsys.readouterr().err.startswith(f'spikelane {command[0]}: {error}')
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ('options', 'error'),
+    [
+        ('--controller rstdp --train --checkpoint x', '--checkpoint, --lane: expected no --train'),
+        ('--controller rstdp --train --lane inner', '--checkpoint, --lane: expected no --train'),
+        ('--controller rstdp --steps 100', '--steps: expected --train beside it'),
+        ('--steps 100', '--steps: expected --train beside it'),
+    ],
+)
+def test_what_a_view_would_not_heed_is_refused(
+    capsys: pytest.CaptureFixture[str], options: str, error: str
+) -> None:
+    """Before anything is shown."""
+    assert run(['view', *options.split()]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)
+    assert err.startswith(f'spikelane view: {error}')

@@ -1,5 +1,6 @@
 """How well a lap was driven, in numbers."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -107,3 +108,11 @@ def test_a_reset_alone_is_no_drive() -> None:
     """There is nothing to take a mean of."""
     with pytest.raises(TrajectoryError, match='expected at least one step'):
         lap_metrics(drive([0.0], 'A', [0], [0.0]), 0.05)
+
+
+def test_a_lap_after_which_the_lane_is_lost_completes_nothing(lap: Trajectory) -> None:
+    """Of several in a row: the episode's means are then not those of laps."""
+    lost = lap_metrics(dataclasses.replace(lap, reason='lane_lost'), 0.5)
+    assert (lost['completed'], lost['laps'], lost['lap_time_s']) == (False, 1, 2.0)
+    cut = lap_metrics(dataclasses.replace(lap, reason='step_limit'), 0.5)
+    assert cut['completed'] is True

@@ -159,6 +159,7 @@ def test_what_cannot_be_started_is_named(tmp_path: Path, log: str) -> None:
     with Processes() as children:
         with pytest.raises(ProcessError, match=r'^node: cannot be started: '):
             children.start('node', ['/nowhere/node'], tmp_path / log, {})
+        children.stop('node')
         assert children.statuses() == {}
 
 

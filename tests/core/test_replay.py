@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 import csv
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -208,6 +209,29 @@ def test_packets_out_of_order_are_put_in_order(said: list[Any], bag_of: BagOf) -
     result = replayed(bag_of(shuffled))
     assert (result['agreement'], result['answers']) == (1.0, OBSERVATIONS)
     assert result['notes'] == ['the event packets were out of order; taken by their numbers']
+
+
+@pytest.mark.parametrize('is_overtaking', [False, True])
+def test_a_camera_started_again_comes_after_what_it_saw_before(
+    said: list[Any], bag_of: BagOf, is_overtaking: bool
+) -> None:
+    """Though its numbers are smaller then; only within either part packets are put in order."""
+    numbers = [*range(5000, 5031), *range(OBSERVATIONS - 31)]
+    renumbered = list(said)
+    places = [n for n, each in enumerate(said) if each.topic == '/event_camera/events']
+    for place, number in zip(places, numbers, strict=True):
+        fields = dataclasses.replace(said[place].fields, seq=number)
+        renumbered[place] = said[place]._replace(fields=fields)
+    notes = []
+    if is_overtaking:
+        notes = ['the event packets were out of order; taken by their numbers']
+        for one, other in ((places[4], places[5]), (places[50], places[52])):
+            late, early = renumbered[one].fields, renumbered[other].fields
+            renumbered[one] = renumbered[one]._replace(fields=early)
+            renumbered[other] = renumbered[other]._replace(fields=late)
+    result = replayed(bag_of(renumbered))
+    assert (result['agreement'], result['answers']) == (1.0, OBSERVATIONS)
+    assert result['notes'] == notes
 
 
 def test_what_was_sent_twice_counts_once(said: list[Any], bag_of: BagOf) -> None:

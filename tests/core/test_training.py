@@ -8,6 +8,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -354,6 +355,28 @@ def test_the_command_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert error.count('\n') == 1
     assert command(folder, '--steps', '10') == 2
     assert 'expected a new or empty folder' in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures('signals')
+def test_two_do_not_train_in_one_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who is at work there is said."""
+    folder = tmp_path / 'run'
+    first = [sys.executable, '-m', 'spikelane.main', 'train', 'rstdp', '--steps', '1000000']
+    first += ['--robot', 'kinematic', '--out', str(folder)]
+    with subprocess.Popen(first) as process:
+        try:
+            deadline_s = time.monotonic() + 60.0
+            while not (folder / 'checkpoint.safetensors').exists():
+                assert time.monotonic() < deadline_s
+                time.sleep(0.1)
+            assert command(folder, '--steps', '1000000', '--resume') == 1
+        finally:
+            process.kill()
+    assert capsys.readouterr().err == (
+        f'spikelane train: {folder}: another process works here: {process.pid}\n'
+    )
 
 
 def drive(folder: Path, *options: str) -> dict[str, Any]:

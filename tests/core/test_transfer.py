@@ -8,6 +8,7 @@ import io
 import json
 from pathlib import Path
 import signal
+import sys
 from typing import Any
 
 import numpy as np
@@ -187,3 +188,20 @@ def test_what_cannot_be_done_is_refused(
         assert message in err
         assert err.count('\n') == 1
         assert not out.exists()
+
+
+def test_a_transfer_that_cannot_begin_leaves_no_folder(
+    dqn: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same command can go there once PyTorch is installed, or with a policy that is whole."""
+    out, damaged = tmp_path / 'out', tmp_path / 'damaged'
+    damaged.write_bytes((dqn / 'checkpoint.safetensors').read_bytes()[:-1])
+    assert run(['transfer', '--checkpoint', str(damaged), '--out', str(out)]) == 2
+    assert f'{damaged}: expected a whole safetensors file' in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, 'torch', None)
+    assert run(['transfer', '--checkpoint', str(dqn), '--out', str(out)]) == 1
+    assert 'learning: expected PyTorch, found none' in capsys.readouterr().err
+    assert not out.exists()

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from typing import Any
 
+from domain_coordinator import domain_id
 import numpy as np
 import pytest
 
@@ -27,8 +28,8 @@ Run = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture(scope='module')
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Give `spikelane COMMAND ...` in a workspace where the example has been built by colcon."""
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a workspace where the example has been built by colcon."""
     if ' ' in sys.executable:
         pytest.skip("colcon's setup files do not work in paths with a space")
     workspace = tmp_path_factory.mktemp('my_ws')
@@ -36,28 +37,31 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     build = [sys.executable, '-m', 'colcon', 'build']
     built = subprocess.run(build, cwd=workspace, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
+    return workspace
+
+
+def run_python(
+    workspace: Path, *arguments: str, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run Python where what has been built is known."""
+    # An interrupt lets it end its nodes, too.
+    command = f'source install/setup.bash && exec timeout -s INT -k 20 {DEADLINE_S} "$@"'
+    return subprocess.run(
+        ['bash', '-c', command, '', sys.executable, *arguments],
+        cwd=workspace,
+        capture_output=True,
+        text=True,
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'} | environment,
+    )
+
+
+@pytest.fixture(scope='module')
+def run(workspace: Path) -> Run:
+    """Give `spikelane COMMAND ...` in the workspace."""
 
     def run_command(*arguments: str, status: int = 0) -> dict[str, Any]:
-        ended = subprocess.run(
-            [
-                'bash',
-                '-c',
-                'source install/setup.bash && exec "$@"',
-                '',
-                sys.executable,
-                '-m',
-                'spikelane.main',
-                *arguments,
-                '--robot',
-                'kinematic',
-                '--json',
-            ],
-            cwd=workspace,
-            capture_output=True,
-            text=True,
-            timeout=DEADLINE_S,
-            env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
-        )
+        given = (*arguments, '--robot', 'kinematic', '--json')
+        ended = run_python(workspace, '-m', 'spikelane.main', *given)
         assert ended.returncode == status, ended.stderr
         result = json.loads(ended.stdout)
         return result | {'folder': str(workspace / result['folder'])}
@@ -118,3 +122,22 @@ def test_what_learns_is_trained_and_resumed(run: Run) -> None:
                  '--transport', 'inprocess', '--param', limit, status=1)  # fmt: skip
     config = Path(driven['folder'], 'config.yaml').read_text()
     assert f'checkpoint: {folders[0]}' in config
+
+
+def test_what_learns_is_trained_by_a_launch_file(workspace: Path) -> None:
+    """It learns though nothing says what its training differs in from driving."""
+    pytest.importorskip('launch_ros', reason='ROS launch is not installed')
+    runner = Path(__file__).with_name('run_launch.py')
+    file = DOCS.parent / 'ros2_ws/src/spikelane/launch/train.launch.py'
+    given = ('controller:=learning_balance', 'steps:=100', 'output:=launched')
+    with domain_id() as domain:
+        environment = {
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'ROS_LOG_DIR': str(workspace / 'log'),
+        }
+        ended = run_python(workspace, str(runner), str(file), *given, **environment)
+    assert ended.returncode == 0, ended.stderr
+    assert 'ENDED /learning_balance 0\n' in ended.stdout
+    facts = read_checkpoint(workspace / 'launched', 'learning_balance').facts
+    assert facts['steps'] == 100

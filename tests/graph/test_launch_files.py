@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -22,6 +23,7 @@ from safetensors.numpy import load_file
 
 from spikelane.lap import drive_lap, make_config
 from spikelane.trajectory_bag import read_trajectory
+from spikelane.viewer.server import WEB_PORT
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('launch_ros', reason='ROS launch is not installed')
@@ -173,6 +175,31 @@ def test_ctrl_c_ends_all_with_status_0(tmp_path: Path) -> None:
     assert status == 0
     with AnyReader([tmp_path / 'bag']) as reader:
         assert reader.message_count > 0
+
+
+def test_a_recorder_that_cannot_record_ends_all(tmp_path: Path) -> None:
+    """As where the bag is there already: nobody waits for it for ever."""
+    (tmp_path / 'bag').mkdir()
+    with launched(tmp_path, 'lap', f'bag:={tmp_path / "bag"}') as launch:
+        assert launch.process.wait(DEADLINE_S) == 1
+        said = launch.log.read_text()
+    assert f'{tmp_path / "bag"}: expected a folder that does not exist yet' in said
+    assert '/recorder: expected it to run until the drive is over, it ended with status 2' in said
+
+
+def test_a_viewer_that_cannot_show_ends_all(tmp_path: Path) -> None:
+    """As where its port is in use."""
+    with socket.socket() as taken:
+        # Where somebody else has it, it is in use as well.
+        with contextlib.suppress(OSError):
+            taken.bind(('127.0.0.1', WEB_PORT))
+            taken.listen()
+        given = ('viewer:=true', f'bag:={tmp_path / "bag"}')
+        with launched(tmp_path, 'lap', *given) as launch:
+            assert launch.process.wait(DEADLINE_S) == 1
+            said = launch.log.read_text()
+    assert f'web_port: expected a free port, got {WEB_PORT}' in said
+    assert '/viewer: expected it to run until the drive is over, it ended with status ' in said
 
 
 def test_the_viewer_says_where_to_look_and_ends_on_ctrl_c(tmp_path: Path) -> None:

@@ -387,7 +387,9 @@ def test_a_folder_is_used_by_one_command_at_a_time(tmp_path: Path) -> None:
     second = experiment.start()
     _, errors = second.communicate(timeout=DEADLINE_S)
     assert second.returncode == 1
-    assert errors == f'spikelane experiment: {experiment.folder}: another process works here\n'
+    assert errors == (
+        f'spikelane experiment: {experiment.folder}: another process works here: {first.pid}\n'
+    )
     first.send_signal(signal.SIGTERM)
     first.communicate(timeout=DEADLINE_S)
     assert first.returncode == 143

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import hashlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from spikelane.experiment.file import ExperimentError, read_experiment
 from spikelane.experiment.plan import find_runs, make_plan, make_run_folder, Plan, Run
+from spikelane_controllers.checkpoint import write_checkpoint
+import spikelane_sim.course
 
 
 def plan_of(folder: Path, matrix: str) -> Plan:
@@ -288,3 +292,40 @@ def test_runs_are_found_by_their_configuration(tmp_path: Path) -> None:
     # What is evaluated after another training is another evaluation.
     longer = plan_of(tmp_path, SMALL.replace('VARIANT', '').replace('STEPS', '101'))
     assert find_runs(root, longer.runs) == {}
+
+
+def test_other_content_under_the_same_name_is_another_run(tmp_path: Path) -> None:
+    """Of a course file, and of weights that no run of the experiment has learnt."""
+    course = tmp_path / 'mine.yaml'
+    weights = tmp_path / 'weights'
+    weights.mkdir()
+    matrix = f"""
+  controllers: [rstdp]
+  scenarios: [{course}]
+  variants: {{mine: {{rstdp.checkpoint: {weights}}}}}
+  tasks: {{evaluate: {{}}}}
+"""
+    shipped = Path(spikelane_sim.course.__file__).parent / 'courses/scenario_1.yaml'
+    keys = []
+    for comment, learnt in (('', 1.0), ('# another', 1.0), ('', 2.0), ('', 1.0)):
+        course.write_text(shipped.read_text() + comment)
+        write_checkpoint(
+            weights / 'checkpoint.safetensors', 'rstdp', {'a': np.ones(2) * learnt}, {}
+        )
+        [run] = plan_of(tmp_path, matrix).runs
+        assert set(run.identity['inputs']) == {str(course), str(weights)}
+        keys.append(run.key)
+    assert keys[0] == keys[3]
+    assert len(set(keys)) == 3
+    digest = hashlib.sha256(course.read_bytes()).hexdigest()
+    assert run.identity['inputs'][str(course)] == digest
+
+
+def test_shipped_courses_and_weights_of_runs_have_no_digest(tmp_path: Path) -> None:
+    """They are what they are called, or what the run before is."""
+    matrix = """
+  controllers: [rstdp]
+  scenarios: [1]
+  tasks: {train: {steps: 100}, evaluate: {}}
+"""
+    assert ['inputs' in run.identity for run in plan_of(tmp_path, matrix).runs] == [False, False]

@@ -13,7 +13,14 @@ import yaml
 from spikelane.report.collect import collect, LeftOut, ReportError
 from spikelane_controllers.checkpoint import write_checkpoint
 
-METRICS = {'completed': True, 'mean_abs_distance_m': 0.02}
+METRICS = {
+    'completed': True,
+    'steps': 4000,
+    'lap_time_s': 200.0,
+    'mean_abs_distance_m': 0.02,
+    'max_abs_distance_m': 0.1,
+    'mean_distance_m': 0.01,
+}
 
 
 def write_lap(folder: Path, **others: Any) -> Path:
@@ -51,7 +58,7 @@ def test_runs_are_found_however_deep_and_once(tmp_path: Path) -> None:
 
 
 def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
-    """Not where, how long and with which weights file; and nothing that this version lacks."""
+    """Not where and with which weights file; and nothing that this version lacks."""
     simulator = {
         'course': 'scenario_1',
         'episode.max_laps': 3,
@@ -62,17 +69,73 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     }
     write_lap(tmp_path / 'lap', simulator=simulator, braitenberg={'poisson.max_rate_hz': 400.0})
     [lap] = collect([tmp_path]).laps
-    assert lap.setting == 'robot.model kinematic; camera.antialias True; poisson.max_rate_hz 400.0'
+    assert lap.setting == (
+        'episode.max_laps 3; robot.model kinematic; camera.antialias True; '
+        'poisson.max_rate_hz 400.0'
+    )
+
+
+def test_how_episodes_end_is_told_against_what_is_usual(tmp_path: Path) -> None:
+    """Which in a training is another distance, and in a transfer another number of steps."""
+    weights = write_training(
+        tmp_path / 'a',
+        0,
+        [],
+        simulator={'episode.max_distance_m': 0.2, 'episode.max_laps': 1},
+        save_every=100,
+    )
+    write_training(
+        tmp_path / 'b', 0, [], simulator={'episode.max_distance_m': 0.4}, save_every=100
+    )
+    learnt = {'controller': 'rstdp', 'rstdp': {'checkpoint': str(weights)}}
+    write_lap(tmp_path / 'c', scenario='2', simulator={'episode.max_steps': 100}, **learnt)
+    found = collect([tmp_path])
+    assert [run.setting for run in found.trainings] == ['', 'episode.max_distance_m 0.4']
+    assert [run.setting for run in found.laps] == ['episode.max_steps 100']
+    assert [run.learnt_steps for run in found.all()] == [9000, 9000, 9000]
+
+
+def write_transfer(folder: Path, checkpoint: str, **config: Any) -> Path:
+    """Write what a report needs of a transfer's folder."""
+    folder.mkdir()
+    values = {'scenario': '1', 'seed': 0, 'checkpoint': checkpoint, 'transfer': {}, **config}
+    (folder / 'config.yaml').write_text(yaml.safe_dump(values))
+    names = ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates')
+    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1)))
+    facts = {'config': values}
+    write_checkpoint(folder / 'checkpoint.safetensors', 'dqn_snn', {'a': np.zeros(2)}, facts)
+    return folder
+
+
+def test_a_transfers_training_is_part_of_its_setting(tmp_path: Path) -> None:
+    """And of laps with what was transferred; also where the experiment's folder was moved."""
+    trained = tmp_path / 'train'
+    trained.mkdir()
+    config = {'scenario': '1', 'controller': 'dqn', 'seed': 0, 'save_every': 1000}
+    config['dqn'] = {'network.initial_bound': 0.001}
+    facts = {'config': config, 'steps': 500, 'terminations': []}
+    write_checkpoint(trained / 'checkpoint.safetensors', 'dqn', {'a': np.zeros(2)}, facts)
+    (trained / 'run.json').write_text('{}')
+    moved = write_transfer(tmp_path / 'transfer', '/elsewhere/train')
+    write_lap(tmp_path / 'lap', controller='dqn_snn', dqn_snn={'checkpoint': str(moved)})
+    found = collect([tmp_path])
+    assert [(run.setting, run.learnt_steps) for run in (*found.transfers, *found.laps)] == [
+        ('learnt with network.initial_bound 0.001', 500),
+        ('learnt with network.initial_bound 0.001', 500),
+    ]
+
+
+def test_a_file_is_never_a_scenario_of_the_paper(tmp_path: Path) -> None:
+    """Whatever its name; courses of one name in two folders are two."""
+    courses = ('2', 'scenario_3', 'mine/scenario_1.yaml', '1.yaml', 'a/track.yaml', 'b/track.yaml')
+    for number, course in enumerate(courses):
+        write_lap(tmp_path / str(number), scenario=course)
+    assert [lap.scenario for lap in collect([tmp_path]).laps] == ['2', '3', *courses[2:]]
 
 
 def test_a_learning_rate_is_part_of_a_setting(tmp_path: Path) -> None:
     """Though whether a controller learns is not."""
-    folder = tmp_path / 'transfer'
-    folder.mkdir()
-    config = {'scenario': '1', 'seed': 0, 'transfer': {'learning_rate': 0.001}}
-    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
-    names = ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates')
-    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1)))
+    write_transfer(tmp_path / 'transfer', 'scenario_1', transfer={'learning_rate': 0.001})
     write_lap(tmp_path / 'lap', controller='rstdp', rstdp={'learning': True})
     found = collect([tmp_path])
     assert [run.setting for run in found.transfers] == ['learning_rate 0.001']
@@ -106,6 +169,12 @@ def test_a_training_is_read_from_its_checkpoint_alone(tmp_path: Path) -> None:
     one_lane = write_training(tmp_path / '2', 2, [laps[0], [*[7000], *lost[1:]], laps[1]])
     [half] = collect([one_lane]).trainings
     assert (half.last_lane_loss_step, half.has_settled) == (7000, False)
+    # On a course of one lane, twice.
+    once, twice = ([lost, *[laps[1]] * number] for number in (1, 2))
+    [run] = collect([write_training(tmp_path / '3', 3, once)]).trainings
+    assert run.has_settled is False
+    [run] = collect([write_training(tmp_path / '4', 4, twice)]).trainings
+    assert run.has_settled is True
 
 
 def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None:
@@ -117,6 +186,9 @@ def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None
     ]
     [run] = collect([write_training(tmp_path / '0', 0, ends)]).trainings
     assert (run.solved_episode, run.solved_step) == (2, 4000)
+    of_one_lane = [[*end[:2], 'outer', *end[3:]] for end in ends]
+    [run] = collect([write_training(tmp_path / '2', 0, of_one_lane)]).trainings
+    assert (run.solved_episode, run.solved_step) == (2, 4000)
     [never] = collect([write_training(tmp_path / '1', 0, ends[:3])]).trainings
     assert (never.solved_episode, never.solved_step) == (None, None)
 
@@ -127,6 +199,8 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     (write_lap(tmp_path / 'b') / 'metrics.json').unlink()
     (write_lap(tmp_path / 'c') / 'config.yaml').write_text('[')
     write_lap(tmp_path / 'd', controller='fly')
+    (write_lap(tmp_path / 'e', training=None) / 'metrics.json').unlink()
+    (write_lap(tmp_path / 'f') / 'metrics.json').write_text('{"completed": true}')
     (tmp_path / 'results.json').write_text(
         json.dumps({'runs': [{'name': 'x', 'state': 'failed', 'message': 'no such course'}]})
     )
@@ -134,11 +208,12 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     assert [lap.folder for lap in found.laps] == [tmp_path / 'a']
     assert LeftOut(f'{tmp_path}: x', 'no such course') in found.left_out
     assert LeftOut(str(tmp_path / 'b'), 'not finished: no metrics.json') in found.left_out
+    why = 'metrics.json: expected steps, got none: is it of another version?'
+    assert LeftOut(str(tmp_path / 'f'), why) in found.left_out
     assert [each.what for each in found.left_out] == [
         f'{tmp_path}: x',
         str(tmp_path / 'b'),
-        str(tmp_path / 'c'),
-        str(tmp_path / 'd'),
+        *(str(tmp_path / name) for name in 'cdef'),
     ]
 
 

@@ -1,5 +1,6 @@
 """Long settings have names, which the page says once what they stand for."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -22,6 +23,7 @@ def lap(controller: str, setting: str, folder: str = 'runs/lap') -> Lap:
         config={},
         metrics={
             'completed': True,
+            'steps': 5000,
             'mean_abs_distance_m': 0.01,
             'max_abs_distance_m': 0.1,
             'mean_distance_m': 0.0,
@@ -38,6 +40,23 @@ def test_what_is_short_is_its_own_name() -> None:
     name_settings(runs)
     assert [each.setting for each in runs.laps] == ['', 'c_r 0.03']
     assert runs.settings == []
+
+
+def test_weights_of_another_length_are_another_setting() -> None:
+    """Told only where lengths differ: what is usual depends on the scenario."""
+    short, long = (
+        dataclasses.replace(lap('rstdp', 'c_r 0.03'), learnt_steps=steps)
+        for steps in (300, 30_000)
+    )
+    elsewhere = dataclasses.replace(short, scenario='2')
+    runs = Runs(laps=[short, long, elsewhere, lap('rstdp', '')])
+    name_settings(runs)
+    assert [each.setting for each in runs.laps] == [
+        'c_r 0.03; trained for 300 steps',
+        'c_r 0.03; trained for 30,000 steps',
+        'c_r 0.03',
+        '',
+    ]
 
 
 def test_a_controllers_settings_are_numbered() -> None:

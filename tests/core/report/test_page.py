@@ -128,7 +128,7 @@ def test_the_page_has_the_tables_rows(report: dict[str, Any]) -> None:
     assert (
         'Braitenberg',
         '1',
-        'robot.model kinematic',
+        'setting 1',
         'inner',
         '0 of 2 (0% to 66%)',
         'none',

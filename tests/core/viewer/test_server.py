@@ -6,11 +6,13 @@ from pathlib import Path
 import socket
 import subprocess
 import sys
+from types import ModuleType
 from urllib.parse import parse_qs, urlsplit
 from urllib.request import urlopen
 
 import pytest
 
+from spikelane.processes import ProcessError
 from spikelane.viewer.server import rerun_program, ViewerError, ViewerServer
 
 LISTENING = '0A'  # as the kernel numbers the states of connections
@@ -64,6 +66,17 @@ def test_without_rerun_it_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, 'rerun_cli', None)
     with pytest.raises(ViewerError, match=r'^viewer: expected the package rerun-sdk, .* view$'):
         rerun_program()
+
+
+def test_a_program_that_cannot_be_started_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As where it is of another kind of machine, or not there."""
+    package = ModuleType('rerun_cli')
+    package.__file__ = str(tmp_path / '__init__.py')
+    monkeypatch.setitem(sys.modules, 'rerun_cli', package)
+    with pytest.raises(ProcessError, match=r'^rerun: cannot be started: '), ViewerServer(0, 0):
+        pass
 
 
 def test_viewing_needs_no_rerun_until_it_begins() -> None:

@@ -65,5 +65,5 @@ def start(context: LaunchContext) -> list:
     topics = ['/diagnostics', *(topic for name in names for topic in graph.in_namespace(name))]
     recording = [graph.recorder(arguments, facts, topics)] if is_recorded else []
     viewing = [graph.viewer({}, names[0])] if is_viewed else []
-    ending = graph.end_in_order(pairs, recording, stays=is_viewed)
+    ending = graph.end_in_order(pairs, recording, viewing)
     return [*ending, *recording, *viewing, *(node for pair in pairs for node in pair)]

@@ -39,5 +39,5 @@ def start(context: LaunchContext) -> list:
     facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
     recording = [graph.recorder(arguments, facts)] if is_recorded else []
     viewing = [graph.viewer({})] if is_viewed else []
-    ending = graph.end_in_order([driving], recording, stays=is_viewed)
+    ending = graph.end_in_order([driving], recording, viewing)
     return [*ending, *recording, *viewing, *driving]

@@ -9,7 +9,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
 from spikelane.launch import graph
-from spikelane.training import TRAINING_DEFAULTS
+from spikelane.training import training_defaults
 from spikelane_controllers.registry import training_names
 
 
@@ -33,7 +33,7 @@ def start(context: LaunchContext) -> list:
     name, steps = arguments.text('controller'), arguments.number('steps')
     is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')
     defaults = {'simulator': {'autostart': False}, name: {}}
-    for key, value in TRAINING_DEFAULTS[name].items():
+    for key, value in training_defaults(name).items():
         group, _, rest = key.partition('.')
         defaults[group][rest] = value
     learning = {
@@ -48,5 +48,5 @@ def start(context: LaunchContext) -> list:
     facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
     recording = [graph.recorder(arguments, facts)] if is_recorded else []
     viewing = [graph.viewer({})] if is_viewed else []
-    ending = graph.end_in_order([driving], recording, stays=is_viewed)
+    ending = graph.end_in_order([driving], recording, viewing)
     return [*ending, *recording, *viewing, *driving]

@@ -7,7 +7,9 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
+from spikelane.inputs import input_digests
 from spikelane.run_folder import RunFolder, RUNS
+from spikelane.transport import check_transport
 from spikelane_controllers.hosting import image_size
 from spikelane_controllers.registry import controller_class, make_controller
 from spikelane_sim.camera import CameraParameters
@@ -143,13 +145,23 @@ def make_run_folder(run: Run, name: str, out: Path | None) -> RunFolder:
         out: Another folder instead, new or empty.
 
     Raises:
-        SpikelaneError: The controller cannot be made: then there is no folder that would be in
-            the way of the next try. Or the folder is in use or cannot be made.
+        SpikelaneError: The controller cannot be made, or its node not be started: then there is
+            no folder that would be in the way of the next try. Or the folder is in use or cannot
+            be made.
     """
     configured_controller(run)
+    if isinstance(run, Configuration):
+        check_transport(run.transport, run.controller)
     folder = RunFolder.create(out or RUNS / name, numbered=out is None)
-    folder.write_config(run.to_dict())
+    folder.write_config(described(run))
     return folder
+
+
+def described(run: Run) -> dict[str, Any]:
+    """Return all that determines a run: its configuration, and what is in the files it names."""
+    values = run.to_dict()
+    inputs = input_digests(values)
+    return {**values, 'inputs': inputs} if inputs else values
 
 
 def parameter_groups(

@@ -15,7 +15,7 @@ def dqn_metrics(training: DqnTraining) -> dict[str, Any]:
     """Measure a training.
 
     Returns:
-        solved_at: Action step from which three episodes in a row went to the step limit, both
+        solved_at: Action step from which three episodes in a row went to the step limit, all
             lanes among them; None where there were none.
         solved_by: Action step at which the third of them ended, or None.
         full_episodes: Episodes that went to the step limit.
@@ -55,10 +55,14 @@ def _is_full(episode: Termination) -> bool:
 
 
 def first_solved(episodes: list[Termination]) -> int | None:
-    """Return the index of the first episode of the first three in a row that were full."""
+    """Return the index of the first episode of the first three in a row that were full.
+
+    All lanes that episodes were driven on are among the three.
+    """
+    lanes = {each.lane for each in episodes}
     for index in range(len(episodes) - _IN_A_ROW + 1):
         run = episodes[index : index + _IN_A_ROW]
-        if all(map(_is_full, run)) and len({each.lane for each in run}) > 1:
+        if all(map(_is_full, run)) and {each.lane for each in run} == lanes:
             return index
     return None
 

@@ -71,16 +71,18 @@ class EvaluateConfig(Configuration):
     def laps(self) -> Iterator[LapOfEvaluation]:
         """Yield all laps, seed by seed within a lane, lane by lane within a course.
 
+        A lap counts once, however often its course or lane is named.
+
         Raises:
             SpikelaneError: There is no such course, or no such lane on it.
         """
         given = [each for name in self.evaluation.courses for each in expand_courses(name)]
-        courses = given or [self.scenario]
+        courses = list(dict.fromkeys(given)) or [self.scenario]
         for number, scenario in enumerate(courses, 1):
             course = load_course(scenario_course(scenario))
             prefix = f'{number:03}-{course_label(scenario)}-' if len(courses) > 1 else ''
             simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
-            for lane in self.evaluation.lanes or course.lanes:
+            for lane in dict.fromkeys(self.evaluation.lanes or course.lanes):
                 for seed in range(self.seed, self.seed + self.evaluation.seeds):
                     config = LapConfig(
                         scenario=scenario,

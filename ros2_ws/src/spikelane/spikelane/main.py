@@ -44,11 +44,12 @@ def run(arguments: Sequence[str]) -> int:
         SystemExit: Help was asked for (0), or the arguments cannot be understood (2).
     """
     signal.signal(signal.SIGTERM, _raise_terminated)
-    options = _parser(arguments).parse_args(arguments)
     try:
+        # It names the controllers there are, which another package's may make impossible.
+        options = _parser(arguments).parse_args(arguments)
         return int(options.run(options))
     except SpikelaneError as error:
-        print(f'spikelane {options.command}: {error}', file=sys.stderr)
+        print(f'spikelane {arguments[0]}: {error}', file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return 128 + signal.SIGINT

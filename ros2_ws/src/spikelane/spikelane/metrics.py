@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.trajectory import Trajectory, TrajectoryError
+from spikelane_sim.contract import TERMINATED_LANE_LOST
 
 
 def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
@@ -25,7 +26,7 @@ def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
         step_s: Simulated time of a step [s].
 
     Returns:
-        completed: Whether a lap was.
+        completed: Whether a lap was, and the lane not lost after it.
         reason: Why the episode ended, '' where it had not.
         laps: Completed laps.
         steps: Steps driven.
@@ -49,7 +50,7 @@ def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
     mean = _mean(distances)
     progress_m = float(trajectory.progress_m[-1] - trajectory.progress_m[0])
     return {
-        'completed': bool(trajectory.laps[-1] > 0),
+        'completed': bool(trajectory.laps[-1] > 0) and trajectory.reason != TERMINATED_LANE_LOST,
         'reason': trajectory.reason,
         'laps': int(trajectory.laps[-1]),
         'steps': steps,

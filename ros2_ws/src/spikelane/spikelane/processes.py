@@ -112,9 +112,10 @@ class Processes:
         """End children, all at once, the gentle way first.
 
         Args:
-            names: Of children; those that have ended already are passed over.
+            names: Of children; those that have ended already, or could not be started, are
+                passed over.
         """
-        children = [self._children[name] for name in names]
+        children = [self._children[name] for name in names if name in self._children]
         for how, patience_s in _ENDINGS:
             running = [child for child in children if child.poll() is None]
             for child in running:

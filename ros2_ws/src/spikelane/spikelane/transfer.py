@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.configuration import check_seed, parameter_groups
-from spikelane.run_folder import RunFolder
+from spikelane.run_folder import RunFolder, RUNS
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import rate_errors, RateError
 from spikelane_controllers.dqn import Dqn
@@ -32,7 +32,7 @@ from spikelane_controllers.transfer import (
 )
 from spikelane_controllers.transferred import Transferred, write_transferred
 from spikelane_controllers.weights import find_checkpoint, shipped_weights
-from spikelane_sim.course import scenario_course
+from spikelane_sim.course import course_label, scenario_course
 from spikelane_sim.encoding import Counts
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -158,6 +158,26 @@ def configure_transfer(
         transfer=TransferParameters.from_mapping(groups['transfer'], 'transfer'),
         from_training=from_training,
     )
+
+
+def make_folder(config: TransferConfig, out: Path | None) -> RunFolder:
+    """Make the folder a transfer leaves, with its configuration in it.
+
+    Args:
+        config: What is going to be done.
+        out: The folder, new or empty; None for the usual one, numbered where it exists.
+
+    Raises:
+        SpikelaneError: PyTorch is not there, or the policy cannot be read: then there is no
+            folder that would be in the way of the next try. Or the folder is in use or cannot be
+            made.
+    """
+    require_pytorch()
+    _policy(config)
+    name = f'transfer-{course_label(config.scenario)}-seed{config.seed}'
+    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
+    folder.write_config(config.to_dict())
+    return folder
 
 
 def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import importlib
 from typing import Any
 
+from spikelane.executables import find_executable
 from spikelane_sim.errors import SpikelaneError
 
 
@@ -25,3 +26,19 @@ def over_ros(module: str, function: str) -> Callable[..., Any]:
         raise SpikelaneError(
             f'--transport ros: expected ROS 2 and the built workspace, got {error}'
         ) from None
+
+
+def check_transport(transport: str, controller: str) -> None:
+    """Check that there is what a run needs to be driven as it is to be.
+
+    Args:
+        transport: 'ros' or 'inprocess'.
+        controller: What drives.
+
+    Raises:
+        SpikelaneError: There is no ROS, or a node is not installed.
+    """
+    if transport == 'ros':
+        over_ros('lap', 'drive_lap_over_ros')
+        for node in ('simulator', controller):
+            find_executable(node)

@@ -2,12 +2,14 @@
 
 A packet belongs to a lane state and to wheel velocities by their stamps; where simulation time
 was reset and a stamp comes again, to those recorded next to it. Packets are put in the order of
-their numbers, and one that was sent twice counts once.
+their numbers, and one that was sent twice counts once. Where a camera's driver was started again,
+numbers far below those before, its packets come after those of the time before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import itertools
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -32,6 +34,9 @@ EVENTS_TOPIC = 'event_camera/events'
 LANE_TOPIC = 'lane/state'
 WHEELS_TOPIC = 'wheel_velocities'
 
+#: Packets overtake each other by less; a number further back is of a driver started again.
+_OVERTAKEN = 100
+
 T = TypeVar('T')
 
 
@@ -49,6 +54,7 @@ class _Mark(NamedTuple):
 
     sequence: int
     stamp_ns: int
+    log_ns: int
     position: int
 
 
@@ -111,7 +117,7 @@ class RecordedDrive:
             stamp_ns, topic = record.stamp_ns, message.topic
             where = message.log_ns, position
             if isinstance(record.value, ReceivedPacket):
-                mark = _Mark(record.value.sequence, stamp_ns, position)
+                mark = _Mark(record.value.sequence, stamp_ns, *where)
                 marks.setdefault(topic, []).append(mark)
                 encodings.setdefault(topic, record.value.encoding)
             elif isinstance(record.value, LaneState):
@@ -239,14 +245,25 @@ class RecordedDrive:
 
 
 def _in_order(marks: Sequence[_Mark]) -> list[_Mark]:
-    """Return packets once each, by their numbers where these tell them apart."""
+    """Return packets once each, session by session."""
     once: dict[tuple[int, int], _Mark] = {}
     for mark in marks:
         once.setdefault((mark.sequence, mark.stamp_ns), mark)
-    order = list(once.values())
-    if len({mark.sequence for mark in order}) < len(order):
-        return order  # a publisher that began anew, or does not count
-    return sorted(order, key=lambda mark: mark.sequence)
+    found = list(once.values())
+    begins = [
+        number
+        for number, (before, after) in enumerate(itertools.pairwise(found), 1)
+        if after.sequence < before.sequence - _OVERTAKEN and after.log_ns > before.log_ns
+    ]
+    limits = zip([0, *begins], [*begins, len(found)], strict=True)
+    return [mark for begin, end in limits for mark in _by_number(found[begin:end])]
+
+
+def _by_number(session: list[_Mark]) -> list[_Mark]:
+    """Return packets by their numbers where these tell them apart."""
+    if len({mark.sequence for mark in session}) < len(session):
+        return session  # a publisher that began anew, or does not count
+    return sorted(session, key=lambda mark: mark.sequence)
 
 
 def _nearest(

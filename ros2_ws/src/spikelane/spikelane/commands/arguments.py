@@ -155,7 +155,7 @@ def _value(name: str, text: str) -> Any:
     """Return what a text means in YAML, where `1e-3` and the like are numbers too."""
     try:
         value = yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):  # a date that is none, say
         raise ParameterError(f'{name}: expected a value as in YAML, got {text!r}') from None
     # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
     return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value

@@ -14,9 +14,12 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
+from spikelane.configuration import described, make_run_folder
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
+from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.course import course_label
+from spikelane_sim.errors import ParameterError
 
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
@@ -81,16 +84,20 @@ def run(options: argparse.Namespace) -> int:
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
     folder = _folder(config, options.out, options.resume)
-    with progress(options.json, '%') as show:
-        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
-    result = {**metrics, 'folder': str(folder.path)}
-    if 'by_course' in metrics['summary']:
-        result['figure'] = str(draw_some_courses(config, folder, metrics))
+    with locked(folder.path):
+        with progress(options.json, '%') as show:
+            metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+        result = {**metrics, 'folder': str(folder.path)}
+        if 'by_course' in metrics['summary']:
+            result['figure'] = str(draw_some_courses(config, folder, metrics))
     print(json.dumps(result) if options.json else _summary(result))
     return 0
 
 
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    # Of a simulator's 0 laps there is no end.
+    if options.laps is not None and options.laps < 1:
+        raise ParameterError(f'--laps: expected a whole number from 1, got {options.laps}')
     given = given_parameters(options) | given_weights(options)
     model = str(given.get('simulator.pixels.model', 'coppelia'))
     flags = {
@@ -103,15 +110,11 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
-    path = out or RUNS / (
-        f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
-    )
-    if resume:
-        folder = RunFolder(path)
-        folder.check_config(config.to_dict())
-        return folder
-    folder = RunFolder.create(path, numbered=out is None)
-    folder.write_config(config.to_dict())
+    name = f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
+    if not resume:
+        return make_run_folder(config, name, out)
+    folder = RunFolder(out or RUNS / name)
+    folder.check_config(described(config))
     return folder
 
 

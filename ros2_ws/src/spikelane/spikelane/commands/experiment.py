@@ -17,7 +17,7 @@ from spikelane.experiment.local import LocalEngine
 from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, State
-from spikelane.experiment.worker import locked
+from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane_sim.errors import ParameterError, SpikelaneError
 

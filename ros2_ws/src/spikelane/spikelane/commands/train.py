@@ -9,6 +9,7 @@ from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
 from spikelane.lap import Show
+from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane.training import (
     make_config,
@@ -21,7 +22,7 @@ from spikelane.training import (
 from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, training_names
 from spikelane_controllers.training import Training
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import CheckpointError, ParameterError
 
 
 def _usual_steps() -> str:
@@ -67,17 +68,15 @@ def run(options: argparse.Namespace) -> int:
         given_parameters(options) | _device(options),
         options.steps,
     )
-    if options.resume:
-        folder = RunFolder(options.out or RUNS / training_name(config))
-    else:
-        folder = make_folder(config, options.out)
-    start_s = time.monotonic()
-    with progress(options.json) as show:
-        training = _train(config, folder, show, options.resume)
-    if options.resume:  # perhaps for more steps than before
-        folder.write_config(config.to_dict())
-    wall_time_s = None if options.resume else time.monotonic() - start_s
-    result = report_training(config, training, folder, wall_time_s)
+    folder = _folder(config, options)
+    with locked(folder.path):
+        start_s = time.monotonic()
+        with progress(options.json) as show:
+            training = _train(config, folder, show, options.resume)
+        if options.resume:  # perhaps for more steps than before
+            folder.write_config(config.to_dict())
+        wall_time_s = None if options.resume else time.monotonic() - start_s
+        result = report_training(config, training, folder, wall_time_s)
     print(json.dumps(result) if options.json else _summary(result))
     return 0
 
@@ -89,6 +88,15 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
     if options.controller != 'dqn':
         raise ParameterError(f'--device: expected the controller dqn, got {options.controller}')
     return {'dqn.q_learning.device': options.device}
+
+
+def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
+    if not options.resume:
+        return make_folder(config, options.out)
+    folder = RunFolder(options.out or RUNS / training_name(config))
+    if not folder.checkpoint.exists():
+        raise CheckpointError(f'{folder.checkpoint}: expected a checkpoint, got none')
+    return folder
 
 
 def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> Training:

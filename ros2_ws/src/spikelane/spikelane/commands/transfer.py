@@ -6,22 +6,19 @@ import argparse
 from collections.abc import Iterator
 import contextlib
 import json
-from pathlib import Path
 import sys
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters
-from spikelane.run_folder import RunFolder, RUNS
 from spikelane.transfer import (
     make_config,
+    make_folder,
     report_transfer,
     Show,
     transfer,
-    TransferConfig,
 )
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.transfer import TransferParameters
-from spikelane_sim.course import course_label
 
 _SHOWN_TIMES = 200  # of each stage
 
@@ -73,19 +70,12 @@ def run(options: argparse.Namespace) -> int:
         counts | given_parameters(options),
         options.from_training,
     )
-    folder = _folder(config, options.out)
+    folder = make_folder(config, options.out)
     with _progress(options.json) as show:
         done = transfer(config, show)
     result = report_transfer(config, done, folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0
-
-
-def _folder(config: TransferConfig, out: Path | None) -> RunFolder:
-    name = f'transfer-{course_label(config.scenario)}-seed{config.seed}'
-    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
-    folder.write_config(config.to_dict())
-    return folder
 
 
 @contextlib.contextmanager

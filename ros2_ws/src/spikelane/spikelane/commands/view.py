@@ -18,6 +18,7 @@ from spikelane.commands.arguments import (
 )
 from spikelane.executables import find_executable
 from spikelane.lap import LapConfig, make_config, make_folder, report_lap
+from spikelane.lock import locked
 from spikelane.training import make_config as make_training_config
 from spikelane.training import make_folder as make_training_folder
 from spikelane.training import report_training, TrainConfig
@@ -76,8 +77,12 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
+    if options.steps is not None and not options.train:
+        raise ParameterError('--steps: expected --train beside it')
     if not options.controller:
         return _become_viewer(options)
+    if options.train and (options.checkpoint or options.lane):
+        raise ParameterError('--checkpoint, --lane: expected no --train beside them')
     if options.domain is not None or options.namespace:
         raise ParameterError('--domain, --namespace: expected no --controller beside them')
     if options.transport != 'ros':
@@ -129,8 +134,9 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
         if options.train:
             config = _training_config(options)
             folder = make_training_folder(config, options.out)
-            training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
-            return report_training(config, training, folder, None)
+            with locked(folder.path):
+                training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
+                return report_training(config, training, folder, None)
         lap = _lap_config(options)
         folder = make_folder(lap, options.out)
         return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)

@@ -2,7 +2,8 @@
 
 Two runs are the same if their configurations are, whatever they are called and wherever they
 stand: that of a run which takes another's checkpoint includes the other's configuration in place
-of the path. Versions and the number of a folder are no part of it.
+of the path, and what is in course files and in weights from elsewhere is part of it. Versions
+and the number of a folder are not.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
 from spikelane.experiment.tasks import FROM_RUN, Need, plain, Point, TASKS
+from spikelane.inputs import input_digests
 from spikelane.run_folder import RunFolder
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
@@ -160,11 +162,14 @@ class _Planner:
             config = TASKS[task].configure(point, options, FROM_RUN if before else None)
         except SpikelaneError as error:
             raise ExperimentError(f'{block.place}: {task} {point.controller}: {error}') from None
+        configuration = plain(config.to_dict())
         identity = {
             'task': task,
-            'configuration': plain(config.to_dict()),
+            'configuration': configuration,
             'before': None if before is None else before.identity,
         }
+        if inputs := input_digests(configuration):
+            identity['inputs'] = inputs
         name = self._free_name(_name(task, point, labels))
         run = Run(name, task, point, options, labels, before.name if before else None, identity)
         known = self._by_key.setdefault(run.key, run)

@@ -28,9 +28,10 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
     Returns:
         name; `confidence`: how intervals are found; `runs`: of each its name, task, place in the
         matrix, state, message and folder; `groups`: of finished runs that differ in nothing but
-        the seed: their task and place, seeds, and `metrics`: statistics of each number over the
-        seeds (`mean_statistics`), `operations` of evaluations likewise, `laps`
-        (`evaluation.summarise`) of all laps of evaluations.
+        the seed, those before them included: their task and place, seeds, and `metrics`:
+        statistics of each number over the seeds (`mean_statistics`), `operations` of evaluations
+        likewise, `laps` (`evaluation.summarise`) of all laps of evaluations, the same lap with
+        the same weights once.
 
     Raises:
         FileError: The metrics of a finished run cannot be read.
@@ -56,7 +57,7 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
 def _groups(statuses: Sequence[Status]) -> list[dict[str, Any]]:
     grouped: dict[str, list[Status]] = {}
     for status in statuses:
-        grouped.setdefault(json.dumps(_place(status)), []).append(status)
+        grouped.setdefault(json.dumps(_seedless(status.run.identity)), []).append(status)
     return [_group(members) for members in grouped.values()]
 
 
@@ -79,7 +80,7 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
             for name in counted[0]
             if all(name in operations for operations in counted)
         }
-    laps = [lap for metrics in found for lap in metrics.get('laps', ())]
+    laps = _laps(members, found)
     if laps:
         lanes = list(dict.fromkeys(lap['lane'] for lap in laps))
         group['laps'] = {
@@ -89,6 +90,32 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
             },
         }
     return group
+
+
+def _laps(members: Sequence[Status], found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the laps of evaluations; where nothing is learnt seeds of several can overlap."""
+    laps = {
+        (
+            status.folder if status.run.before else None,
+            lap['course'],
+            lap['lane'],
+            lap['seed'],
+        ): lap
+        for status, metrics in zip(members, found, strict=True)
+        for lap in metrics.get('laps', ())
+    }
+    return list(laps.values())
+
+
+def _seedless(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a run is but for its seed and that of the run before it."""
+    before = identity['before']
+    configuration = {k: v for k, v in identity['configuration'].items() if k != 'seed'}
+    return {
+        **identity,
+        'configuration': configuration,
+        'before': None if before is None else _seedless(before),
+    }
 
 
 def _place(status: Status) -> dict[str, Any]:

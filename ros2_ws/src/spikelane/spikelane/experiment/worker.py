@@ -7,11 +7,9 @@ process at a time works in a folder: another one waits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 import contextlib
-import fcntl
 import json
-import os
 from pathlib import Path
 import signal
 import sys
@@ -21,6 +19,7 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.experiment.tasks import Point, task_named
+from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import FileError, write_bytes_atomically
@@ -53,8 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, _raise_exit)
     (path,) = sys.argv[1:] if arguments is None else arguments
     try:
-        with locked(Path(path)):
-            do_run(RunFolder(Path(path)))
+        folder = _folder(Path(path))
+        with locked(folder.path, patience_s=_LOCK_S):
+            do_run(folder)
     except SpikelaneError as error:
         print(error, file=sys.stderr)
         return 1
@@ -93,35 +93,6 @@ def read_progress(folder: RunFolder) -> Progress | None:
         return None
 
 
-@contextlib.contextmanager
-def locked(path: Path, patience_s: float = _LOCK_S) -> Iterator[None]:
-    """Hold a folder for this process; the lock goes with the process, however it ends.
-
-    Args:
-        path: The folder.
-        patience_s: How long to wait for another process [s].
-
-    Raises:
-        FileError: There is no such folder, or another process does not leave it.
-    """
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise FileError(
-            f'{path}: cannot be opened: {error.strerror}; every machine that takes part must see '
-            'the folder'
-        ) from None
-    try:
-        deadline_s = time.monotonic() + patience_s
-        while not _try_lock(descriptor):
-            if time.monotonic() >= deadline_s:
-                raise FileError(f'{path}: another process works here')
-            time.sleep(0.05)
-        yield
-    finally:
-        os.close(descriptor)
-
-
 class _Reporter:
     """Writes how far a run is, every half a second."""
 
@@ -143,12 +114,13 @@ class _Reporter:
             write_bytes_atomically(self._path, content, sync=False)
 
 
-def _try_lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
+def _folder(path: Path) -> RunFolder:
+    if not path.is_dir():
+        raise FileError(
+            f'{path}: expected a folder, got none; every machine that takes part must see the '
+            'folder'
+        )
+    return RunFolder(path)
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -178,14 +178,17 @@ def viewer(others: Mapping[str, Any], namespace: str = '') -> Node:
 
 
 def end_in_order(
-    groups: Sequence[Sequence[Node]], last: Sequence[Node], *, stays: bool
+    groups: Sequence[Sequence[Node]], last: Sequence[Node], viewing: Sequence[Node]
 ) -> list[RegisterEventHandler]:
     """Let nodes end when they have nothing more to do, and those that record after the others.
 
+    All ends, with an error that says so, where a node that records or shows ends before: others
+    may be waiting for it.
+
     Args:
         groups: When one of a group ends, the others of the group are ended.
-        last: Ended when all groups have.
-        stays: Whether the launch goes on then, until Ctrl-C.
+        last: Those that record; ended when all groups have.
+        viewing: Those that show; where there are any the launch goes on then, until Ctrl-C.
     """
     running = [list(group) for group in groups]
     recording = list(last)
@@ -197,15 +200,20 @@ def end_in_order(
                 if group and group is not recording:
                     return [_end(node) for node in group]
         if any(running):
+            if event.action in (*last, *viewing) and not context.is_shutdown:
+                raise RuntimeError(
+                    f'{event.action.node_name}: expected it to run until the drive is over, it '
+                    f'ended with status {event.returncode}'
+                )
             return []
         if recording:
             return [_end(node) for node in recording]
-        return [] if stays else [Shutdown(reason='all is done')]
+        return [] if viewing else [Shutdown(reason='all is done')]
 
     nodes = [node for group in groups for node in group]
     return [
         RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit))
-        for node in [*nodes, *last]
+        for node in [*nodes, *last, *viewing]
     ]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.dqn_results import first_solved
-from spikelane.report.settings import scenario_name, setting_in_words
+from spikelane.report.settings import scenario_name, setting_of
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import RateError
@@ -29,6 +29,15 @@ from spikelane_sim.files import FileError
 from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 
 _RESULTS_FILE = 'results.json'
+
+_LAP_METRICS = (
+    'completed',
+    'steps',
+    'lap_time_s',
+    'mean_abs_distance_m',
+    'max_abs_distance_m',
+    'mean_distance_m',
+)
 
 #: Stands for the scenario of laps on one of many random courses.
 RANDOM_COURSES = 'random courses'
@@ -54,6 +63,8 @@ class Run:
         folder: Where it is.
         config: What determined it.
         metrics: What came out.
+        learnt_steps: Steps of the training that it is, or that its weights are of; None where
+            there is none or it is not known.
     """
 
     controller: str
@@ -63,6 +74,7 @@ class Run:
     folder: Path
     config: Mapping[str, Any]
     metrics: Mapping[str, Any]
+    learnt_steps: int | None = None
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,13 +110,16 @@ class TrainingRun(Run):
 
     @property
     def has_settled(self) -> bool:
-        """Whether every lane was lapped, or driven to the step limit, after that."""
-        full = {
+        """Whether every lane was lapped, or driven to the step limit, after that.
+
+        Twice where there is one lane: lanes take turns, and of a single lap it is not known.
+        """
+        full = [
             each.lane
             for each in self.terminations
             if each.step > self.last_lane_loss_step and each.reason != TERMINATED_LANE_LOST
-        }
-        return full == {each.lane for each in self.terminations} and len(full) > 1
+        ]
+        return set(full) == {each.lane for each in self.terminations} and len(full) > 1
 
     @property
     def solved_episode(self) -> int | None:
@@ -273,7 +288,7 @@ def _add(runs: Runs, folder: Path) -> None:
             runs.trainings.append(_training_of_checkpoint(folder))
         else:
             _add_experiment(runs, folder)
-    except (SpikelaneError, KeyError, TypeError, ValueError) as error:
+    except (SpikelaneError, AttributeError, KeyError, TypeError, ValueError) as error:
         why = f'not a run of this version: {error!r}'
         why = str(error) if isinstance(error, SpikelaneError) else why
         runs.left_out.append(LeftOut(str(folder), why))
@@ -325,11 +340,12 @@ def _lap(
     seed: int,
     scenario: str = '',
 ) -> Lap:
+    _check(metrics, _LAP_METRICS)
     return Lap(
         controller=config['controller'],
         scenario=scenario or scenario_name(config),
         seed=seed,
-        setting=setting_in_words(config),
+        **setting_of(config, folder)._asdict(),
         folder=folder,
         config=config,
         metrics=metrics,
@@ -360,7 +376,8 @@ def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
         controller=config['controller'],
         scenario=scenario_name(config),
         seed=config['seed'],
-        setting=setting_in_words(config),
+        setting=setting_of(config, folder).setting,
+        learnt_steps=facts['steps'],
         folder=folder,
         config=config,
         metrics=metrics,
@@ -383,18 +400,27 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
-    for name in ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates'):
-        if name not in metrics:
-            raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
+    _check(metrics, ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates'))
     return TransferRun(
         controller='dqn_snn',
         scenario=scenario_name(config),
         seed=config['seed'],
-        setting=setting_in_words(config),
+        **setting_of(config, folder)._asdict(),
         folder=folder,
         config=config,
         metrics=metrics,
     )
+
+
+def _check(metrics: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Check that metrics have what tables are made of.
+
+    Raises:
+        FileError: They have not.
+    """
+    for name in names:
+        if name not in metrics:
+            raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
 
 
 def _add_experiment(runs: Runs, folder: Path) -> None:

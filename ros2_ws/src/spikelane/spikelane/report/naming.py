@@ -1,4 +1,4 @@
-"""Short names for settings, which in words can be as long as a paragraph."""
+"""Names of settings: each tells runs apart that differ, and none is as long as a paragraph."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ def name_settings(runs: Runs) -> None:
         'laps': runs.laps,
     }
     for kind, found in kinds.items():
+        _tell_trainings_apart(found)
         names = _names(found, runs.variants)
         found[:] = [dataclasses.replace(run, setting=names[_key(run)]) for run in found]
         runs.settings.extend(
@@ -33,6 +34,22 @@ def name_settings(runs: Runs) -> None:
             for (controller, words), name in names.items()
             if name != words
         )
+
+
+def _tell_trainings_apart(runs: list[Any]) -> None:
+    """Add the length of the training to settings that are alike but for it.
+
+    How long is usual depends on the scenario: where all are as long it says nothing.
+    """
+    lengths: dict[tuple[str, str, str], set[int | None]] = {}
+    for run in runs:
+        place = run.controller, run.scenario, run.setting
+        lengths.setdefault(place, set()).add(run.learnt_steps)
+    for index, run in enumerate(runs):
+        if len(lengths[run.controller, run.scenario, run.setting]) > 1:
+            steps = 'unknown' if run.learnt_steps is None else f'{run.learnt_steps:,}'
+            parts = [*filter(None, [run.setting]), f'trained for {steps} steps']
+            runs[index] = dataclasses.replace(run, setting='; '.join(parts))
 
 
 def _names(runs: Sequence[Run], variants: Mapping[Path, str]) -> dict[tuple[str, str], str]:

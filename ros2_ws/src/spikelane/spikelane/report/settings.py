@@ -6,8 +6,11 @@ from collections.abc import Mapping
 import functools
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from spikelane.experiment.plan import RUN_FILE
+from spikelane.training import training_defaults
+from spikelane.transfer import GATHERING_DEFAULTS
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, controller_names
@@ -19,45 +22,100 @@ from spikelane_sim.simulator import SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
 _NO_VARIANT = ('course', 'learning', 'checkpoint', 'q_learning.device')
-_NO_VARIANT_GROUP = 'episode.'
 
 
 def scenario_name(config: Mapping[str, Any]) -> str:
-    """Return the scenario of the paper, or the name of another course."""
-    return Path(str(config['scenario'])).stem.removeprefix('scenario_')
+    """Return the scenario of the paper, or the name or path of another course."""
+    name = str(config['scenario'])
+    return name if Path(name).suffix or Path(name).parent.name else name.removeprefix('scenario_')
 
 
-def setting_in_words(config: Mapping[str, Any]) -> str:
-    """Say how a run differs from the paper's, the weights it drove with included."""
+class Setting(NamedTuple):
+    """How a run differs from the paper's.
+
+    Attributes:
+        setting: What differs in words, the weights it drove with included; '' where nothing does.
+        learnt_steps: Steps of the training that its weights are of, None where there is none or
+            it is not known.
+    """
+
+    setting: str
+    learnt_steps: int | None
+
+
+def setting_of(config: Mapping[str, Any], folder: Path) -> Setting:
+    """Describe a run.
+
+    Args:
+        config: What determined it.
+        folder: Where it is.
+    """
     own = _variant(config)
     parts = [f'{name} {value}' for name, value in own.items()]
-    controller = str(config.get('controller', 'dqn'))
+    weights = _weights_of(config)
+    if weights is None:
+        return Setting('; '.join(parts), None)
+    learnt = _learnt_with(*weights, folder)
+    if learnt is None:
+        return Setting('; '.join([*parts, f'weights of {weights.checkpoint}']), None)
+    other = [f'{name} {value}' for name, value in learnt.variant if own.get(name) != value]
+    parts.extend(['learnt with ' + ', '.join(other)] if other else [])
+    if learnt.scenario and learnt.scenario != scenario_name(config):
+        parts.append(f'learnt in scenario {learnt.scenario}')
+    return Setting('; '.join(parts), learnt.steps)
+
+
+class _Weights(NamedTuple):
+    controller: str
+    checkpoint: str
+
+
+def _weights_of(config: Mapping[str, Any]) -> _Weights | None:
+    """Return what a run drove with, or a transfer began with, None for nothing learnt."""
+    if 'transfer' in config:
+        return _Weights('dqn', str(config['checkpoint']))
+    controller = str(config.get('controller', ''))
     values = config.get(controller)
-    weights = values.get('checkpoint') if isinstance(values, Mapping) else None
-    if weights:
-        learnt = _learnt_with(controller, str(weights))
-        if learnt is None:
-            parts.append(f'weights of {weights}')
-        else:
-            where, variant = learnt
-            other = [f'{name} {value}' for name, value in variant if own.get(name) != value]
-            parts.extend(['learnt with ' + ', '.join(other)] if other else [])
-            if where and where != scenario_name(config):
-                parts.append(f'learnt in scenario {where}')
-    return '; '.join(parts)
+    checkpoint = values.get('checkpoint') if isinstance(values, Mapping) else None
+    return _Weights(controller, str(checkpoint)) if checkpoint else None
+
+
+class _Learnt(NamedTuple):
+    """What weights come of."""
+
+    scenario: str  # '' where it is not known
+    variant: tuple[tuple[str, Any], ...]
+    steps: int | None
 
 
 @functools.lru_cache(maxsize=1000)
-def _learnt_with(
-    controller: str, checkpoint: str
-) -> tuple[str, tuple[tuple[str, Any], ...]] | None:
-    """Return the scenario and variant that weights were learnt in, None where they are gone."""
+def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | None:
+    """Return what a run's weights come of, None where they are gone.
+
+    Of transferred ones the training before the transfer counts, too.
+    """
+    place = checkpoint if Path(checkpoint).exists() else _moved(checkpoint, folder)
     try:
-        facts = read_checkpoint(find_checkpoint(controller, checkpoint), controller).facts
+        facts = read_checkpoint(find_checkpoint(controller, place), controller).facts
     except CheckpointError:
         return None
     config = facts.get('config', {})
-    return scenario_name(config) if 'scenario' in config else '', tuple(_variant(config).items())
+    scenario = scenario_name(config) if 'scenario' in config else ''
+    variant, steps = _variant(config), facts.get('steps')
+    if 'transfer' in config:
+        steps = None
+        before = _learnt_with('dqn', str(config['checkpoint']), folder)
+        if before is not None:
+            variant, steps = {**dict(before.variant), **variant}, before.steps
+    return _Learnt(scenario, tuple(variant.items()), steps)
+
+
+def _moved(checkpoint: str, folder: Path) -> str:
+    """Return where a checkpoint is whose experiment's folder was moved, or what was given."""
+    name = Path(checkpoint).name
+    # A lap of an evaluation is in a folder of the evaluation's.
+    beside = (parent / name for parent in folder.parents[:3])
+    return next((str(path) for path in beside if (path / RUN_FILE).exists()), checkpoint)
 
 
 def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -68,11 +126,28 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for group, values in config.items():
         if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
+            usual = {**usual, **_usual_in(config, group)}
             for name, value in usual.items():
-                counts = name not in _NO_VARIANT and not name.startswith(_NO_VARIANT_GROUP)
-                if counts and name in values and values[name] != value:
+                if name not in _NO_VARIANT and name in values and values[name] != value:
                     found[name] = values[name]
     return found
+
+
+def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
+    """Return what is usual for a group in a training or a transfer, and not where laps are."""
+    usual: Mapping[str, Any]
+    if 'transfer' in config:
+        usual = GATHERING_DEFAULTS
+    elif 'training' in config or 'save_every' in config:  # a checkpoint's has its length aside
+        usual = training_defaults(str(config['controller']))
+    else:
+        return {}
+    prefix = f'{group}.'
+    return {
+        name.removeprefix(prefix): value
+        for name, value in usual.items()
+        if name.startswith(prefix)
+    }
 
 
 @functools.lru_cache(maxsize=20)

@@ -1,0 +1,47 @@
+"""The files that a configuration names: what is in them determines a run, as the names do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from spikelane_controllers.checkpoint import checkpoint_file
+from spikelane_controllers.weights import find_checkpoint
+from spikelane_sim.errors import CheckpointError
+
+
+def input_digests(configuration: Mapping[str, Any]) -> dict[str, str]:
+    """Return the SHA-256 of course files and weights that a configuration names, by these names.
+
+    Names of shipped courses and of what is not there yet are left out.
+
+    Args:
+        configuration: As a run's `to_dict` gives it.
+    """
+    return {
+        name: hashlib.sha256(file.read_bytes()).hexdigest()
+        for name, file in _inputs(configuration)
+        if file.is_file()
+    }
+
+
+def _inputs(configuration: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
+    for group in ('simulator', 'evaluation'):
+        values = configuration.get(group, {})
+        for course in (values.get('course'), *values.get('courses', ())):
+            if course:
+                yield course, Path(course)
+    weights = {
+        name: values['checkpoint']
+        for name, values in configuration.items()
+        if isinstance(values, Mapping) and values.get('checkpoint')
+    }
+    if 'transfer' in configuration:
+        weights['dqn'] = configuration['checkpoint']
+    for controller, name in weights.items():
+        try:
+            yield name, checkpoint_file(find_checkpoint(controller, name))
+        except CheckpointError:
+            continue

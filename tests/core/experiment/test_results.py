@@ -1,0 +1,86 @@
+"""Results of an experiment: which runs are laid together, and which laps counted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from spikelane.evaluation import MEASURES, MEASURES_OF_ALL
+from spikelane.experiment.file import read_experiment
+from spikelane.experiment.plan import make_plan, Run
+from spikelane.experiment.results import experiment_results
+from spikelane.experiment.runner import State, Status
+from spikelane.run_folder import RunFolder
+
+
+def lap(seed: int, error_m: float) -> dict[str, Any]:
+    """Return a lap that was completed."""
+    others = dict.fromkeys((*MEASURES, *MEASURES_OF_ALL), 0.0)
+    own = {'course': '1', 'lane': 'outer', 'seed': seed, 'completed': True}
+    return {**others, **own, 'mean_abs_distance_m': error_m}
+
+
+def groups(folder: Path, matrix: str, laps: dict[int, list[dict[str, Any]]]) -> list[Any]:
+    """Return the groups of an experiment's results, its runs' laps by seed."""
+    file = folder / 'plan.yaml'
+    file.write_text(f'name: tiny\nmatrix:\n{matrix}')
+
+    def done(run: Run) -> Status:
+        path = folder / run.name
+        path.mkdir()
+        metrics = {'steps': 10} | ({'laps': laps[run.point.seed]} if laps else {})
+        (path / 'metrics.json').write_text(json.dumps(metrics))
+        return Status(run, State.DONE, RunFolder(path))
+
+    statuses = [done(run) for run in make_plan(read_experiment(file)).runs]
+    found: list[Any] = experiment_results('tiny', statuses)['groups']
+    return found
+
+
+def test_runs_that_differ_in_more_than_the_seed_are_not_laid_together(tmp_path: Path) -> None:
+    """Such as the length of a training, which no axis names."""
+    found = groups(
+        tmp_path,
+        """
+  - {controllers: [rstdp], scenarios: [1], seeds: [0, 1], tasks: {train: {steps: 100}}}
+  - {controllers: [rstdp], scenarios: [1], seeds: [1, 2], tasks: {train: {steps: 200}}}
+""",
+        {},
+    )
+    assert [(each['controller'], each['seeds']) for each in found] == [
+        ('rstdp', [0, 1]),
+        ('rstdp', [1, 2]),
+    ]
+
+
+def test_the_same_lap_counts_once(tmp_path: Path) -> None:
+    """Of several evaluations without a training, whose seeds overlap."""
+    found = groups(
+        tmp_path,
+        """
+  controllers: [braitenberg]
+  scenarios: [1]
+  seeds: [0, 1]
+  tasks: {evaluate: {seeds: 2}}
+""",
+        {0: [lap(0, 0.01), lap(1, 0.02)], 1: [lap(1, 0.02), lap(2, 0.06)]},
+    )
+    [group] = found
+    assert group['laps']['all']['completed']['n'] == 3
+    assert group['laps']['all']['mean_abs_distance_m']['mean'] == 0.03
+
+
+def test_a_lap_counts_for_each_training(tmp_path: Path) -> None:
+    """The same seed with other weights is another lap."""
+    _, group = groups(
+        tmp_path,
+        """
+  controllers: [rstdp]
+  scenarios: [1]
+  seeds: [0, 1]
+  tasks: {train: {steps: 100}, evaluate: {seeds: 2}}
+""",
+        {0: [lap(0, 0.01), lap(1, 0.02)], 1: [lap(1, 0.02), lap(2, 0.06)]},
+    )
+    assert group['laps']['all']['completed']['n'] == 4
