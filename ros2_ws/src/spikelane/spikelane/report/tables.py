@@ -8,15 +8,22 @@ from typing import Any, NamedTuple, TypeVar
 
 from spikelane.report.collect import Lap, NamedSetting, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value
-from spikelane.statistics import mean_statistics, share_statistics
+from spikelane.report.quantities import (
+    COUNT,
+    METRES,
+    NOTHING,
+    PERCENT,
+    Quantity,
+    RATE,
+    SIGNED_METRES,
+)
+from spikelane.statistics import share_statistics
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
 
 #: Order of the controllers, the paper's.
 ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
 _NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
-
-_NOTHING = '—'
 
 #: Simulated times that rates are told after: the paper's 10 ms for each step, and long.
 _RATE_TIMES_MS = (10, 1000)
@@ -30,32 +37,20 @@ class Measure(NamedTuple):
 
     Attributes:
         words: What it is.
-        show: Writes a value of it.
+        quantity: How it is written.
     """
 
     words: str
-    show: Callable[[float], str]
-
-
-def _count(value: float) -> str:
-    return f'{value:,.0f}'
-
-
-def _metres(value: float) -> str:
-    return f'{value:.4f} m'
-
-
-def _percent(value: float) -> str:
-    return f'{100 * value:.2f} %'
+    quantity: Quantity
 
 
 MEASURES = {
-    'last_lane_loss_step': Measure('step of the last lane loss of those that settled', _count),
-    'solved_episode': Measure('first of three full episodes in a row', _count),
-    'solved_step': Measure('action step at the end of these three', _count),
-    'accuracy': Measure("accuracy on the policy's states", _percent),
-    'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', _metres),
-    'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', _count),
+    'last_lane_loss_step': Measure('step of the last lane loss of those that settled', COUNT),
+    'solved_episode': Measure('first of three full episodes in a row', COUNT),
+    'solved_step': Measure('action step at the end of these three', COUNT),
+    'accuracy': Measure("accuracy on the policy's states", PERCENT),
+    'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', METRES),
+    'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', COUNT),
 }
 
 
@@ -136,9 +131,9 @@ def _against_paper(runs: Runs) -> Table:
     return Table(
         "Results against the paper's",
         'Mean ± standard deviation over the runs that had one, with the 95 % confidence interval '
-        "(Student's t) from two on; median and range. A step is 50 ms. Setting: what differs from "
-        "the paper's parameters, or its name. The paper's accuracy is on the states trained with, "
-        'the one here on states held out.',
+        "(Student's t, cut to possible values) from two on; median and range. A step is 50 ms. "
+        "Setting: what differs from the paper's parameters, or its name. The paper's accuracy is "
+        'on the states trained with, the one here on states held out.',
         (
             'measure',
             'controller',
@@ -178,7 +173,7 @@ def _of(
 def _row_against_paper(
     measure: str, key: Key, values: Sequence[tuple[int, float | None]]
 ) -> tuple[str, ...]:
-    words, show = MEASURES[measure]
+    words, quantity = MEASURES[measure]
     found = [value for _, value in values if value is not None]
     paper = paper_value(key.controller, key.scenario, measure)
     return (
@@ -186,12 +181,12 @@ def _row_against_paper(
         shown_name(key.controller),
         key.scenario,
         key.setting or "the paper's",
-        paper.words if paper else _NOTHING,
-        _mean(found, show),
-        _median(found, show),
+        paper.words if paper else NOTHING,
+        quantity.mean(found),
+        quantity.median(found),
         f'{len(found)} of {len(values)}',
         seeds_in_words([seed for seed, _ in values]),
-        paper.place if paper else _NOTHING,
+        paper.place if paper else NOTHING,
     )
 
 
@@ -237,11 +232,11 @@ def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
         key.setting or "the paper's",
         lane,
         f'{len(done)} of {len(laps)} ({share["ci_low"]:.0%} to {share["ci_high"]:.0%})',
-        _mean(errors, _metres),
-        _median(errors, _metres),
-        _mean([lap.metrics['mean_distance_m'] for lap in done], _metres),
-        _metres(max(lap.metrics['max_abs_distance_m'] for lap in done)) if done else _NOTHING,
-        _mean([steps for lap in done if (steps := lap_steps(lap)) is not None], _count),
+        METRES.mean(errors),
+        METRES.median(errors),
+        SIGNED_METRES.mean([lap.metrics['mean_distance_m'] for lap in done]),
+        METRES.show(max(lap.metrics['max_abs_distance_m'] for lap in done)) if done else NOTHING,
+        COUNT.mean([steps for lap in done if (steps := lap_steps(lap)) is not None]),
         seeds_in_words([lap.seed for lap in laps]),
     )
 
@@ -263,9 +258,9 @@ def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
         shown_name(key.controller),
         key.scenario,
         key.setting or "the paper's",
-        _median([run.steps for run in runs], _count),
-        _median([len(run.terminations) for run in runs], _count),
-        _median([run.last_lane_loss_step for run in runs], _count),
+        COUNT.median([run.steps for run in runs]),
+        COUNT.median([len(run.terminations) for run in runs]),
+        COUNT.median([run.last_lane_loss_step for run in runs]),
         f'{sum(run.has_settled for run in runs)} of {len(runs)}',
         seeds_in_words([run.seed for run in runs]),
     )
@@ -290,17 +285,17 @@ def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
 def _row_of_transfers(key: Key, runs: Sequence[TransferRun]) -> tuple[str, ...]:
     held_out = [float(run.metrics['accuracy']) for run in runs]
     rates = [
-        _mean([value for run in runs if (value := _rate(run, name, time_ms)) is not None], show)
-        for name, show in (('agreement', _percent), ('output', lambda value: f'{value:.4f}'))
+        quantity.mean([value for run in runs if (value := _rate(run, name, time_ms)) is not None])
+        for name, quantity in (('agreement', PERCENT), ('output', RATE))
         for time_ms in _RATE_TIMES_MS
     ]
     return (
         key.scenario,
         key.setting or "the paper's",
-        _median([run.metrics['states'] for run in runs], _count),
-        _mean(held_out, _percent),
-        _median(held_out, _percent),
-        _mean([float(run.metrics['training_accuracy']) for run in runs], _percent),
+        COUNT.median([run.metrics['states'] for run in runs]),
+        PERCENT.mean(held_out),
+        PERCENT.median(held_out),
+        PERCENT.mean([float(run.metrics['training_accuracy']) for run in runs]),
         *rates,
         seeds_in_words([run.seed for run in runs]),
     )
@@ -338,10 +333,10 @@ def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     def cells(per: str) -> tuple[str, str]:
         synaptic = found.get(f'synaptic_operations_{per}')
         all_, active = (found.get(f'{name}multiply_accumulates_{per}') for name in ('', 'active_'))
-        in_brackets = '' if active is None else f' ({_count(active)})'
+        in_brackets = '' if active is None else f' ({COUNT.show(active)})'
         return (
-            _NOTHING if synaptic is None else _count(synaptic),
-            _NOTHING if all_ is None else f'{_count(all_)}{in_brackets}',
+            NOTHING if synaptic is None else COUNT.show(synaptic),
+            NOTHING if all_ is None else f'{COUNT.show(all_)}{in_brackets}',
         )
 
     return (
@@ -379,23 +374,3 @@ def _if_completed(lap: Lap, name: str) -> float | None:
 
 def _if_settled(run: TrainingRun) -> float | None:
     return float(run.last_lane_loss_step) if run.has_settled else None
-
-
-def _mean(values: Sequence[float], show: Callable[[float], str]) -> str:
-    """Return mean, standard deviation and interval, as far as there are values."""
-    found = mean_statistics(values)
-    if found is None:
-        return 'none'
-    mean, std, low, high = (found[name] for name in ('mean', 'std', 'ci_low', 'ci_high'))
-    assert mean is not None  # of one value or more
-    if std is None or low is None or high is None:
-        return show(mean)
-    return f'{show(mean)} ± {show(std)} ({show(low)} to {show(high)})'
-
-
-def _median(values: Sequence[float], show: Callable[[float], str]) -> str:
-    found = mean_statistics(values)
-    if found is None:
-        return _NOTHING
-    median, low, high = (float(found[name] or 0) for name in ('median', 'min', 'max'))
-    return show(median) if low == high else f'{show(median)} ({show(low)} to {show(high)})'
