@@ -33,7 +33,7 @@ from spikelane_controllers.state import (
     spread_generator,
     State,
 )
-from spikelane_controllers.weights import read_network
+from spikelane_controllers.weights import Q_NETWORK, read_network, TARGET_NETWORK
 from spikelane_sim.contract import LaneState, Observation, TERMINATED_LANE_LOST, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage
 from spikelane_sim.errors import CheckpointError
@@ -206,4 +206,5 @@ class Dqn:
             len(ACTIONS),
             self.parameters.network,
         )
-        return read_network('dqn', name, like)
+        parts = TARGET_NETWORK if self.parameters.averaged else Q_NETWORK
+        return read_network('dqn', name, like, parts)

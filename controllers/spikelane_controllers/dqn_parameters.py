@@ -65,6 +65,11 @@ class DqnParameters(Parameters):
         "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
         'checkpoint, or empty for untrained ones.',
     )
+    averaged: bool = parameter(
+        False,
+        "Take a checkpoint's target network, a running average of the one that learns: it depends "
+        'less on the last updates.',
+    )
     image: StateImageParameters = nested(StateImageParameters)
     task: DecisionParameters = nested(DecisionParameters)
     network: QNetworkParameters = nested(QNetworkParameters)

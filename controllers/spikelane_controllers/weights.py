@@ -21,7 +21,9 @@ from spikelane_sim.errors import CheckpointError
 #: Names in a checkpoint of what a controller drives with: its network's weights.
 WEIGHTS = 'controller.network.weights_pa'  # of R-STDP, in pA
 Q_NETWORK = tuple(f'controller.network.{name}' for name in QNetwork._fields)
-_NAMES: Mapping[str, tuple[str, ...]] = {'rstdp': (WEIGHTS,), 'dqn': Q_NETWORK}
+#: And of what its targets come from while it learns, a running average.
+TARGET_NETWORK = tuple(f'controller.target.{name}' for name in QNetwork._fields)
+_NAMES: Mapping[str, tuple[str, ...]] = {'rstdp': (WEIGHTS,), 'dqn': Q_NETWORK + TARGET_NETWORK}
 
 _SHIPPED = Path(__file__).parent / 'weights'
 
@@ -86,13 +88,16 @@ def read_weights(
     return weights_pa
 
 
-def read_network(controller: str, name: str, like: QNetwork) -> QNetwork:
+def read_network(
+    controller: str, name: str, like: QNetwork, parts: tuple[str, ...] = Q_NETWORK
+) -> QNetwork:
     """Read a Q-network.
 
     Args:
         controller: Name of the controller it must be of.
         name: As in `find_checkpoint`.
         like: A network of the shapes that it must have.
+        parts: Names of its arrays, Q_NETWORK or TARGET_NETWORK.
 
     Raises:
         CheckpointError: There is none, or another; the message names the file, what was expected
@@ -103,8 +108,8 @@ def read_network(controller: str, name: str, like: QNetwork) -> QNetwork:
     try:
         return QNetwork(
             *(
-                array(arrays, name, example.dtype, example.shape)
-                for name, example in zip(Q_NETWORK, like, strict=True)
+                array(arrays, part, example.dtype, example.shape)
+                for part, example in zip(parts, like, strict=True)
             )
         )
     except CheckpointError as error:

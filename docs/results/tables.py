@@ -21,9 +21,9 @@ def print_row(*cells: str) -> None:
 
 
 def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
-    """Return median, smallest and largest in words; of a single value, that."""
+    """Return median, smallest and largest in words; of a single value, or equal ones, that."""
     known = [value for value in values if value is not None]
-    if len(known) < 2:
+    if len(set(known)) < 2:
         return f'{known[0]:{form}}{unit}' if known else 'none'
     median = statistics.median(known)
     if all(isinstance(value, int) for value in known):

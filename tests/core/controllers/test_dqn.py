@@ -199,6 +199,22 @@ def test_weights_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
         dqn_of(checkpoint='none')
 
 
+def test_the_average_of_the_network_that_learnt_can_drive(tmp_path: Path) -> None:
+    """That which its targets came from, where the checkpoint has it."""
+    learnt, average = (dqn_of().network._asdict() for _ in range(2))
+    average = {name: values + np.float32(1) for name, values in average.items()}
+    file = tmp_path / 'checkpoint.safetensors'
+    own = {f'controller.network.{name}': values for name, values in learnt.items()}
+    targets = {f'controller.target.{name}': values for name, values in average.items()}
+    write_checkpoint(file, 'dqn', own | targets, {})
+    for averaged, expected in ((False, learnt), (True, average)):
+        network = dqn_of(checkpoint=str(file), averaged=averaged).network._asdict()
+        assert all(np.array_equal(network[name], expected[name]) for name in expected)
+    write_checkpoint(file, 'dqn', own, {})
+    with pytest.raises(CheckpointError, match=r'controller\.target\.weights_1: expected in the'):
+        dqn_of(checkpoint=str(file), averaged=True)
+
+
 def test_driving_does_not_wait_for_torch() -> None:
     """Only learning needs it."""
     code = (
