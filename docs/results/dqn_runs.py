@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,26 +43,17 @@ class Learnt(NamedTuple):
 
 def read_learnt(folder: Path, controller: str, variant: str) -> dict[str, list[Learnt]]:
     """Read the finished runs of a controller by scenario; those without laps are left out."""
-    runs = json.loads((folder / 'results.json').read_text('utf-8'))['runs']
-    own = [
-        run
-        for run in runs
-        if (run['controller'], run.get('variants')) == (controller, variant)
-        and run['state'] in ('done', 'found')
-    ]
-    driven = {
-        (run['scenario'], run['seed']): read_json(folder / run['folder'] / 'metrics.json')['laps']
-        for run in own
-        if run['task'] == 'evaluate'
-    }
     found: dict[str, list[Learnt]] = {}
-    for run in own:
-        laps = driven.get((run['scenario'], run['seed']))
-        if run['task'] == _TASKS[controller] and laps is not None:
-            path = folder / run['folder']
-            by_lane = {lap['lane']: lap for lap in laps}
-            learnt = Learnt(run['seed'], path, read_json(path / 'metrics.json'), by_lane)
-            found.setdefault(run['scenario'], []).append(learnt)
+    for path in folder.glob(f'{_TASKS[controller]}-{controller}-?-{variant}-seed*'):
+        # As an experiment names its runs: TASK-CONTROLLER-SCENARIO-VARIANT-seedSEED.
+        _, place = path.name.split(f'-{controller}-')
+        driven = folder / f'evaluate-{controller}-{place}' / 'metrics.json'
+        if driven.exists():
+            scenario, _, seed = place.split('-')
+            laps = {lap['lane']: lap for lap in read_json(driven)['laps']}
+            metrics = read_json(path / 'metrics.json')
+            learnt = Learnt(int(seed.removeprefix('seed')), path, metrics, laps)
+            found.setdefault(scenario, []).append(learnt)
     return {
         scenario: sorted(found[scenario], key=lambda each: each.seed) for scenario in sorted(found)
     }

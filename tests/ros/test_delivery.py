@@ -17,7 +17,7 @@ TOPICS = ('/lane/state', '/event_camera/events')
 
 
 def test_a_recorder_that_slept_gets_it_all(graph: Any, tmp_path: Path) -> None:
-    """The simulator waits for it, at most for 4 s, and then ends quietly."""
+    """The simulator waits for it, and then ends quietly."""
     bag = tmp_path / 'bag'
     recorder = graph.start('recorder', {'output': bag, 'topics': f'[{", ".join(TOPICS)}]'})
     simulator = graph.start(

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from spikelane_sim.errors import SpikelaneError
 
 _LOOK_EVERY_S = 0.5  # whether the middleware was shut down
-_DELIVERY_S = 4.0  # longer than the 3 s between Fast DDS's heartbeats
+_DELIVERY_S = 8.0  # Fast DDS has 3 s between heartbeats, and a busy machine may need two
 _DELIVERY_PERIOD_S = 0.01
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
