@@ -13,6 +13,8 @@ pytestmark = pytest.mark.ros
 STEPS = 400
 #: Longer than a node takes to end that does not wait, and than what its sockets hold.
 ASLEEP_S = 1.5
+#: Longer than the recorder takes to know of the simulator; it cannot be asked whether it does.
+KNOWN_S = 3.0
 TOPICS = ('/lane/state', '/event_camera/events')
 
 
@@ -30,6 +32,8 @@ def test_a_recorder_that_slept_gets_it_all(graph: Any, tmp_path: Path) -> None:
         },
     )
     graph.until(lambda: 'recording 2 topics' in recorder.log, 'the recorder')
+    graph.until(lambda: graph.node.count_publishers('lane/state'), 'the simulator')
+    time.sleep(KNOWN_S)
     recorder.send(signal.SIGSTOP)
     graph.start('braitenberg')
     graph.until(lambda: f'ended after {STEPS} steps' in simulator.log, 'the drive')
