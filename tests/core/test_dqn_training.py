@@ -198,11 +198,14 @@ def test_what_is_no_such_training_is_not_resumed(whole: Path, tmp_path: Path) ->
 
 
 def test_exported_weights_drive(whole: Path, tmp_path: Path) -> None:
-    """They are those of the training, and nothing else but the command."""
+    """They are those of the training's two networks, and nothing else but the command."""
     file = tmp_path / 'mine.safetensors'
     export_weights('dqn', whole, file, 'a command')
     arrays, facts = read_checkpoint(file, 'dqn')
-    assert len(arrays) == 6
+    layers = ('weights_1', 'biases_1', 'weights_2', 'biases_2', 'weights_3', 'biases_3')
+    assert set(arrays) == {
+        f'controller.{network}.{layer}' for network in ('network', 'target') for layer in layers
+    }
     assert (facts['command'], facts['steps']) == ('a command', STEPS)
     sizes = {'network.hidden_1': 8, 'network.hidden_2': 6}
     mine, trained = (

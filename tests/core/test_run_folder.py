@@ -10,12 +10,14 @@ import pytest
 import yaml
 
 from spikelane import run_folder
-from spikelane.run_folder import lap_name, RunFolder, RunFolderError, versions
+from spikelane.lap import make_config
+from spikelane.run_folder import RunFolder, RunFolderError, versions
 
 
 def test_a_lap_is_named_after_what_determines_it() -> None:
     """Scenario, controller, lane and seed are in the name."""
-    assert lap_name(1, 'braitenberg', 'outer', 7) == 'lap-1-braitenberg-outer-seed7'
+    config = make_config('1', 'braitenberg', 'outer', 7, 'inprocess', {})
+    assert config.usual_name == 'lap-1-braitenberg-outer-seed7'
 
 
 def test_a_new_folder_has_the_name_wanted(tmp_path: Path) -> None:

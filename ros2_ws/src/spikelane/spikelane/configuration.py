@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import dataclasses
-from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
-from spikelane.inputs import input_digests
-from spikelane.run_folder import RunFolder, RUNS
 from spikelane.transport import check_transport
 from spikelane_controllers.hosting import image_size
 from spikelane_controllers.registry import controller_class, make_controller
@@ -41,6 +38,15 @@ class Configuration:
     transport: str
     simulator: SimulatorParameters
     controller_parameters: Parameters
+
+    def check(self) -> None:
+        """Make sure that there is what drives.
+
+        Raises:
+            SpikelaneError: The controller cannot be made, or its node not be started.
+        """
+        configured_controller(self)
+        check_transport(self.transport, self.controller)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it under names, ready for YAML."""
@@ -112,7 +118,7 @@ def _check_image(camera: CameraParameters, controller: str, parameters: Paramete
         )
 
 
-class Run(Protocol):
+class Controlled(Protocol):
     """Anything that one controller takes part in."""
 
     @property
@@ -123,45 +129,14 @@ class Run(Protocol):
     def controller_parameters(self) -> Parameters:
         """Of the controller's own class."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all that determines the run, ready for YAML."""
 
-
-def configured_controller(run: Run) -> Controller:
+def configured_controller(config: Controlled) -> Controller:
     """Make the controller of a run.
 
     Raises:
         SpikelaneError: Its weights cannot be read, or what it needs is not there.
     """
-    return make_controller(run.controller, run.controller_parameters.to_dict())
-
-
-def make_run_folder(run: Run, name: str, out: Path | None) -> RunFolder:
-    """Make the folder that a run leaves, with its configuration in it.
-
-    Args:
-        run: What is going to be done.
-        name: The usual folder's, in RUNS; numbered where that exists.
-        out: Another folder instead, new or empty.
-
-    Raises:
-        SpikelaneError: The controller cannot be made, or its node not be started: then there is
-            no folder that would be in the way of the next try. Or the folder is in use or cannot
-            be made.
-    """
-    configured_controller(run)
-    if isinstance(run, Configuration):
-        check_transport(run.transport, run.controller)
-    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
-    folder.write_config(described(run))
-    return folder
-
-
-def described(run: Run) -> dict[str, Any]:
-    """Return all that determines a run: its configuration, and what is in the files it names."""
-    values = run.to_dict()
-    inputs = input_digests(values)
-    return {**values, 'inputs': inputs} if inputs else values
+    return make_controller(config.controller, config.controller_parameters.to_dict())
 
 
 def parameter_groups(

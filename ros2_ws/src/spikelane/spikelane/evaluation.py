@@ -68,6 +68,11 @@ class EvaluateConfig(Configuration):
 
     evaluation: EvaluationParameters
 
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'evaluate-{course_label(self.scenario)}-{self.controller}-seed{self.seed}'
+
     def laps(self) -> Iterator[LapOfEvaluation]:
         """Yield all laps, seed by seed within a lane, lane by lane within a course.
 

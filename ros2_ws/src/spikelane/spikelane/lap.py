@@ -12,12 +12,11 @@ from spikelane.configuration import (
     Configuration,
     configure,
     configured_controller,
-    make_run_folder,
 )
 from spikelane.figures import draw_lap
 from spikelane.loop import drive_episode
 from spikelane.metrics import lap_metrics
-from spikelane.run_folder import lap_name, RunFolder
+from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.operations import Operations, sum_operations
 from spikelane_controllers.weights import shipped_weights
@@ -38,6 +37,12 @@ class LapConfig(Configuration):
     """
 
     lane: str
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        scenario = course_label(self.scenario)
+        return f'lap-{scenario}-{self.controller}-{self.lane}-seed{self.seed}'
 
 
 class DrivenLap(NamedTuple):
@@ -112,21 +117,6 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
         wall_time_s = time.perf_counter() - start_s
     total = sum_operations(operations) if operations else None
     return DrivenLap(recorder.trajectory(), wall_time_s, None, total)
-
-
-def make_folder(config: LapConfig, out: Path | None) -> RunFolder:
-    """Make the folder a lap leaves, with its configuration in it.
-
-    Args:
-        config: What is going to be driven.
-        out: The folder, new or empty; None for the usual one, numbered where it exists.
-
-    Raises:
-        SpikelaneError: As in `make_run_folder`.
-    """
-    scenario = course_label(config.scenario)
-    name = lap_name(scenario, config.controller, config.lane, config.seed)
-    return make_run_folder(config, name, out)
 
 
 def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[str, Any]:

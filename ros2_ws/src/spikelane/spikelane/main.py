@@ -49,7 +49,8 @@ def run(arguments: Sequence[str]) -> int:
         options = _parser(arguments).parse_args(arguments)
         return int(options.run(options))
     except SpikelaneError as error:
-        print(f'spikelane {arguments[0]}: {error}', file=sys.stderr)
+        command = ' '.join(['spikelane', *arguments[:1]])
+        print(f'{command}: {error}', file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return 128 + signal.SIGINT

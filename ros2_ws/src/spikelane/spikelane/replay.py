@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.comparison import Answer, compare, drive_metrics, write_answers
-from spikelane.configuration import configured_controller, make_run_folder
+from spikelane.configuration import configured_controller
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.hosting import Host, image_size
@@ -57,6 +57,19 @@ class ReplayConfig:
     use_lane_state: bool
     controller_parameters: Parameters
     sensor: SensorParameters
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'replay-{self.controller}-seed{self.seed}'
+
+    def check(self) -> None:
+        """Make sure that there is what answers.
+
+        Raises:
+            SpikelaneError: The controller cannot be made.
+        """
+        configured_controller(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it under names, ready for YAML."""
@@ -185,15 +198,6 @@ def make_sensor(config: ReplayConfig, drive: RecordedDrive) -> Sensor:
     width, height = image_size(config.controller_parameters)
     has_lane = drive.has_lane and config.use_lane_state
     return Sensor(config.sensor, width=width, height=height, has_lane=has_lane, sums_events=True)
-
-
-def make_folder(config: ReplayConfig, out: Path | None) -> RunFolder:
-    """Make the folder a replay leaves, with its configuration in it.
-
-    Raises:
-        SpikelaneError: As in `make_run_folder`.
-    """
-    return make_run_folder(config, f'replay-{config.controller}-seed{config.seed}', out)
 
 
 def report_replay(

@@ -29,8 +29,9 @@ import os
 from pathlib import Path
 import platform
 import subprocess
-from typing import Any
+from typing import Any, Protocol
 
+from spikelane.inputs import input_digests
 from spikelane_sim.files import FileError, write_json, write_yaml
 
 #: Distributions whose version can change what a run computes.
@@ -40,6 +41,24 @@ _GIT_S = 5.0  # to say which commit this is
 
 #: Where runs go that are not told where to.
 RUNS = Path('runs')
+
+
+class Run(Protocol):
+    """What leaves a folder."""
+
+    @property
+    def usual_name(self) -> str:
+        """Name of its folder in RUNS, where no other is asked for."""
+
+    def check(self) -> None:
+        """Make sure that it can be begun.
+
+        Raises:
+            SpikelaneError: It cannot.
+        """
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that determines it, ready for YAML."""
 
 
 class RunFolderError(FileError):
@@ -84,6 +103,23 @@ class RunFolder:
                 return cls(candidate)
         raise AssertionError('numbers do not end')
 
+    @classmethod
+    def begin(cls, run: Run, out: Path | None) -> RunFolder:
+        """Make the folder of a run, with its configuration in it.
+
+        Args:
+            run: What is going to be done.
+            out: The folder, new or empty; None for the usual one, numbered where it exists.
+
+        Raises:
+            SpikelaneError: The run cannot be begun: then there is no folder that would be in the
+                way of the next try. Or the folder is in use or cannot be made.
+        """
+        run.check()
+        folder = cls.create(out or RUNS / run.usual_name, numbered=out is None)
+        folder.write_config(run.to_dict())
+        return folder
+
     @property
     def config(self) -> Path:
         """YAML: everything that determines the run."""
@@ -125,11 +161,13 @@ class RunFolder:
         return self.path / 'figures'
 
     def write_config(self, values: Mapping[str, Any]) -> None:
-        """Write `config.yaml`: the values, then what computes with them (`versions`)."""
-        write_yaml(self.config, {**values, 'versions': versions()})
+        """Write `config.yaml`: the values, digests of the files they name, and `versions`."""
+        write_yaml(self.config, {**_with_inputs(values), 'versions': versions()})
 
     def check_config(self, values: Mapping[str, Any]) -> None:
         """Check that the folder is of a run with this configuration, of whatever versions.
+
+        What is in the files that it names must be the same.
 
         Raises:
             RunFolderError: It is of no run, or of another one.
@@ -140,7 +178,7 @@ class RunFolder:
             found = yaml.safe_load(self.config.read_text('utf-8'))
         except (OSError, UnicodeDecodeError, yaml.YAMLError):
             raise RunFolderError(f"{self.path}: expected a run's folder, got none") from None
-        wanted = dict(values)
+        wanted = _with_inputs(values)
         given = dict(found) if isinstance(found, Mapping) else {}
         given.pop('versions', None)
         for name in (*wanted, *given):
@@ -170,9 +208,10 @@ class RunFolder:
         write_json(self.path / name, values)
 
 
-def lap_name(scenario: str | int, controller: str, lane: str, seed: int) -> str:
-    """Return the usual name of the folder of one lap."""
-    return f'lap-{scenario}-{controller}-{lane}-seed{seed}'
+def _with_inputs(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration and, where it names files, what is in them."""
+    inputs = input_digests(values)
+    return {**values, 'inputs': inputs} if inputs else dict(values)
 
 
 def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:

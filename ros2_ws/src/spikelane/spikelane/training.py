@@ -15,7 +15,6 @@ from spikelane.configuration import (
     Configuration,
     configure,
     configured_controller,
-    make_run_folder,
 )
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
@@ -73,6 +72,11 @@ class TrainConfig(Configuration):
 
     training: TrainingParameters
 
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'train-{self.controller}-{course_label(self.scenario)}-seed{self.seed}'
+
 
 def make_config(
     scenario: str,
@@ -99,24 +103,6 @@ def make_config(
     parameters = {**training_defaults(controller), **parameters}
     parts = configure(scenario, controller, seed, transport, parameters)
     return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
-
-
-def training_name(config: TrainConfig) -> str:
-    """Return the usual name of a training's folder."""
-    return f'train-{config.controller}-{course_label(config.scenario)}-seed{config.seed}'
-
-
-def make_folder(config: TrainConfig, out: Path | None) -> RunFolder:
-    """Make the folder a training leaves, with its configuration in it.
-
-    Args:
-        config: What is going to be learnt.
-        out: The folder, new or empty; None for the usual one, numbered where it exists.
-
-    Raises:
-        SpikelaneError: As in `make_run_folder`.
-    """
-    return make_run_folder(config, training_name(config), out)
 
 
 def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.configuration import check_seed, parameter_groups
-from spikelane.run_folder import RunFolder, RUNS
+from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import rate_errors, RateError
 from spikelane_controllers.dqn import Dqn
@@ -77,6 +77,20 @@ class TransferConfig:
     gathering: GatheringParameters
     transfer: TransferParameters
     from_training: bool
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'transfer-{course_label(self.scenario)}-seed{self.seed}'
+
+    def check(self) -> None:
+        """Make sure that there is what learns, and from whom.
+
+        Raises:
+            SpikelaneError: PyTorch is not there, or the policy cannot be read.
+        """
+        require_pytorch()
+        _policy(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it under names, ready for YAML."""
@@ -158,26 +172,6 @@ def configure_transfer(
         transfer=TransferParameters.from_mapping(groups['transfer'], 'transfer'),
         from_training=from_training,
     )
-
-
-def make_folder(config: TransferConfig, out: Path | None) -> RunFolder:
-    """Make the folder a transfer leaves, with its configuration in it.
-
-    Args:
-        config: What is going to be done.
-        out: The folder, new or empty; None for the usual one, numbered where it exists.
-
-    Raises:
-        SpikelaneError: PyTorch is not there, or the policy cannot be read: then there is no
-            folder that would be in the way of the next try. Or the folder is in use or cannot be
-            made.
-    """
-    require_pytorch()
-    _policy(config)
-    name = f'transfer-{course_label(config.scenario)}-seed{config.seed}'
-    folder = RunFolder.create(out or RUNS / name, numbered=out is None)
-    folder.write_config(config.to_dict())
-    return folder
 
 
 def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:

@@ -14,11 +14,9 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
-from spikelane.configuration import described, make_run_folder
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
-from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
 
 #: The parameter of each pixel model that is its noise.
@@ -110,11 +108,10 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
-    name = f'evaluate-{course_label(config.scenario)}-{config.controller}-seed{config.seed}'
     if not resume:
-        return make_run_folder(config, name, out)
-    folder = RunFolder(out or RUNS / name)
-    folder.check_config(described(config))
+        return RunFolder.begin(config, out)
+    folder = RunFolder(out or RUNS / config.usual_name)
+    folder.check_config(config.to_dict())
     return folder
 
 

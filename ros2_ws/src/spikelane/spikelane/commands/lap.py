@@ -18,7 +18,6 @@ from spikelane.lap import (
     DrivenLap,
     LapConfig,
     make_config,
-    make_folder,
     report_lap,
     Show,
 )
@@ -50,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         options.transport,
         given_parameters(options) | given_weights(options),
     )
-    folder = make_folder(config, options.out)
+    folder = RunFolder.begin(config, options.out)
     with progress(options.json) as show:
         driven = _drive(config, folder, show)
     result = report_lap(config, driven, folder)

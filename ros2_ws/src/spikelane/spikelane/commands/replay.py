@@ -9,7 +9,8 @@ from typing import Any
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.commands.arguments import given_weights, parse_parameters, progress
-from spikelane.replay import make_config, make_folder, replay, report_replay
+from spikelane.replay import make_config, replay, report_replay
+from spikelane.run_folder import RunFolder
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
 
@@ -100,7 +101,7 @@ def run(options: argparse.Namespace) -> int:
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
     )
-    folder = make_folder(config, options.out)
+    folder = RunFolder.begin(config, options.out)
     with progress(options.json) as show:
         replayed = replay(config, drive, show)
     result = report_replay(config, drive, replayed, folder)

@@ -13,11 +13,9 @@ from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane.training import (
     make_config,
-    make_folder,
     report_training,
     train,
     TrainConfig,
-    training_name,
 )
 from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, training_names
@@ -92,8 +90,8 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
 
 def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
     if not options.resume:
-        return make_folder(config, options.out)
-    folder = RunFolder(options.out or RUNS / training_name(config))
+        return RunFolder.begin(config, options.out)
+    folder = RunFolder(options.out or RUNS / config.usual_name)
     if not folder.checkpoint.exists():
         raise CheckpointError(f'{folder.checkpoint}: expected a checkpoint, got none')
     return folder

@@ -10,9 +10,9 @@ import sys
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters
+from spikelane.run_folder import RunFolder
 from spikelane.transfer import (
     make_config,
-    make_folder,
     report_transfer,
     Show,
     transfer,
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         counts | given_parameters(options),
         options.from_training,
     )
-    folder = make_folder(config, options.out)
+    folder = RunFolder.begin(config, options.out)
     with _progress(options.json) as show:
         done = transfer(config, show)
     result = report_transfer(config, done, folder)

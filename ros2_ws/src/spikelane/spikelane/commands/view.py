@@ -17,10 +17,10 @@ from spikelane.commands.arguments import (
     progress,
 )
 from spikelane.executables import find_executable
-from spikelane.lap import LapConfig, make_config, make_folder, report_lap
+from spikelane.lap import LapConfig, make_config, report_lap
 from spikelane.lock import locked
+from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_training_config
-from spikelane.training import make_folder as make_training_folder
 from spikelane.training import report_training, TrainConfig
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
 from spikelane_controllers.registry import controller_names, training_names
@@ -133,12 +133,12 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     with progress(options.json) as show:
         if options.train:
             config = _training_config(options)
-            folder = make_training_folder(config, options.out)
+            folder = RunFolder.begin(config, options.out)
             with locked(folder.path):
                 training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
                 return report_training(config, training, folder, None)
         lap = _lap_config(options)
-        folder = make_folder(lap, options.out)
+        folder = RunFolder.begin(lap, options.out)
         return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
 
 
