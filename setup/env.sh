@@ -7,6 +7,13 @@ if [ -z "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ]; then
   export FASTRTPS_DEFAULT_PROFILES_FILE=$_root/ros2_ws/src/spikelane/config/fastdds.xml
 fi
 
+# Where Python is kept from writing bytecode, every node would compile all libraries at each start,
+# for a second and more: it is written after all, but not beside any source.
+if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
+  unset PYTHONDONTWRITEBYTECODE
+  export PYTHONPYCACHEPREFIX=${PYTHONPYCACHEPREFIX:-$_root/.venv/pycache}
+fi
+
 # What ros2_ws/install/local_setup.bash does, but in no time, and in paths with spaces too.
 for _prefix in "$_root"/ros2_ws/install "$_root"/ros2_ws/install/*; do
   if [ -d "$_prefix/share/ament_index" ]; then
