@@ -304,6 +304,20 @@ def test_the_environment_is_the_same_when_sourced_twice(tree: Path) -> None:
     assert variables['_ROS_WHEELS_BOOTSTRAP_COMPLETE'] == '1'
 
 
+@pytest.mark.parametrize('own', ['', '/elsewhere'])
+def test_bytecode_is_kept_within_the_environment(tree: Path, own: str) -> None:
+    """Nothing is written beside the sources of somebody who does not want it there."""
+    (tree / '.venv/share/rclpy').mkdir(parents=True)
+    variables = {'PATH': '/usr/bin:/bin', 'PYTHONDONTWRITEBYTECODE': '1'}
+    if own:
+        variables['PYTHONPYCACHEPREFIX'] = own
+    script = f'source "{tree}/setup/env.sh"; env | grep -E "^PYTHON(DONT|PYC)"'
+    done = subprocess.run(
+        ['bash', '-euc', script], env=variables, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f'PYTHONPYCACHEPREFIX={own or tree / ".venv/pycache"}\n'
+
+
 def test_every_version_is_pinned() -> None:
     """Each requirement has one exact version, in its list or among the constraints."""
     pins = requirements('constraints.txt')

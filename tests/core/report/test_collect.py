@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane.report.collect import collect, LeftOut, ReportError
+from spikelane.report.collect import collect, ReportError
+from spikelane.report.runs import LeftOut
 from spikelane_controllers.checkpoint import write_checkpoint
 
 METRICS = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spikelane.report.collect import Lap, LeftOut, Runs
 from spikelane.report.comparisons import comparisons, representative_laps
 from spikelane.report.figures import draw_figures
+from spikelane.report.runs import Lap, LeftOut, Runs
 
 
 def lap(

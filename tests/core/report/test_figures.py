@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from spikelane.figures.training_time import draw_training_time, TrainingTimes
-from spikelane.report.collect import TrainingRun
+from spikelane.report.runs import TrainingRun
 from spikelane.report.training_times import first_lap_step, stable_step
 from spikelane_controllers.training import Termination
 

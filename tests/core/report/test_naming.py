@@ -4,8 +4,9 @@ import dataclasses
 import json
 from pathlib import Path
 
-from spikelane.report.collect import collect, Lap, NamedSetting, Runs
+from spikelane.report.collect import collect
 from spikelane.report.naming import LONGEST, name_settings
+from spikelane.report.runs import Lap, NamedSetting, Runs
 from spikelane.report.tables import all_tables
 
 LONG = 'poisson.max_events 30; camera.antialias True'

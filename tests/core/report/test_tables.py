@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from spikelane.report.collect import Lap, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value, VALUES
+from spikelane.report.runs import Lap, Runs, TrainingRun, TransferRun
 from spikelane.report.tables import all_tables, by_key, MEASURES, seeds_in_words, Table
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import CONTROLLERS

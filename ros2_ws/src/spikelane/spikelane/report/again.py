@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-from spikelane.report.collect import Lap
+from spikelane.report.runs import Lap
 from spikelane.trajectory import Trajectory
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.course import scenario_course

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from spikelane import lap, training
-from spikelane.report.collect import Lap, TrainingRun, TransferRun
+from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane.transfer import GATHERING_DEFAULTS
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.transfer import TransferParameters

@@ -13,15 +13,6 @@ from typing import NamedTuple
 
 from spikelane.figures import style
 from spikelane.figures.past import PlasticPast
-from spikelane.report.collect import (
-    Conditions,
-    course_of,
-    Lap,
-    LeftOut,
-    Runs,
-    TrainingRun,
-    TransferRun,
-)
 from spikelane.report.comparisons import (
     Comparison,
     comparisons,
@@ -38,6 +29,15 @@ from spikelane.report.labels import (
 )
 from spikelane.report.missing import missing
 from spikelane.report.paper import paper_value
+from spikelane.report.runs import (
+    Conditions,
+    course_of,
+    Lap,
+    LeftOut,
+    Runs,
+    TrainingRun,
+    TransferRun,
+)
 from spikelane.report.tables import by_key, PAPER_LANE, seeds_in_words
 from spikelane.report.training_times import first_lap_step, stable_step
 from spikelane.trajectory import read_csv, Trajectory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from spikelane.report.collect import Lap, TrainingRun, TransferRun
+from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane.report.tables import Key, shown_name
 
 #: Letters that there is room for beside a bar.

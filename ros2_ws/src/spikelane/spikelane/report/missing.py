@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from spikelane.report.collect import Lap, LeftOut, RANDOM_COURSES, Runs
 from spikelane.report.comparisons import (
     comparisons,
     MOST_COMPARISONS,
@@ -13,6 +12,7 @@ from spikelane.report.comparisons import (
     representative_laps,
 )
 from spikelane.report.paper import PAPER_SCENARIOS
+from spikelane.report.runs import Lap, LeftOut, RANDOM_COURSES, Runs
 from spikelane.report.tables import ORDER, PAPER_LANE, shown_name
 
 

@@ -8,7 +8,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from spikelane.report.collect import NamedSetting, Run, Runs
+from spikelane.report.runs import NamedSetting, Run, Runs
 
 #: Letters up to which a setting is its own name.
 LONGEST = 40

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import json
 from typing import NamedTuple
 
-from spikelane.report.collect import Lap, LeftOut, Runs, TrainingRun, TransferRun
 from spikelane.report.commands import command_of
+from spikelane.report.runs import Lap, LeftOut, Runs, TrainingRun, TransferRun
 from spikelane.report.tables import by_key, seeds_in_words
 from spikelane_sim.errors import SpikelaneError
 

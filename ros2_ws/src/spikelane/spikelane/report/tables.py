@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 import re
 from typing import Any, NamedTuple, TypeVar
 
-from spikelane.report.collect import Lap, NamedSetting, Runs, TrainingRun, TransferRun
 from spikelane.report.paper import paper_value
 from spikelane.report.quantities import (
     COUNT,
@@ -17,6 +16,7 @@ from spikelane.report.quantities import (
     RATE,
     SIGNED_METRES,
 )
+from spikelane.report.runs import Lap, NamedSetting, Runs, TrainingRun, TransferRun
 from spikelane.statistics import share_statistics
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from spikelane.report.collect import course_of, TrainingRun
+from spikelane.report.runs import course_of, TrainingRun
 from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
 
 
