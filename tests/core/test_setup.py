@@ -318,6 +318,34 @@ def test_bytecode_is_kept_within_the_environment(tree: Path, own: str) -> None:
     assert done.stdout == f'PYTHONPYCACHEPREFIX={own or tree / ".venv/pycache"}\n'
 
 
+@pytest.mark.parametrize(
+    ('words', 'purposes'),
+    [
+        ('lap --controller dqn', ['run']),
+        ('train rstdp', ['run']),
+        ('train dqn --scenario 2', ['learn']),
+        ('train dqn --help', ['run']),
+        ('transfer', ['learn']),
+        ('reproduce --quick', ['learn']),
+        ('experiment experiments/paper.yaml', ['learn']),
+        ('experiment --jobs 1 experiments/robustness.yaml', ['run']),
+        ('experiment experiments/rstdp.yaml', ['run']),
+        ('experiment missing.yaml', ['run']),
+        ('view --controller rstdp', ['view']),
+        ('view --controller dqn --train', ['learn', 'view']),
+    ],
+)
+def test_a_command_sets_up_what_it_needs(tmp_path: Path, words: str, purposes: list[str]) -> None:
+    """PyTorch and Rerun are large: who does not use them does not wait for them."""
+    command = shutil.copy(ROOT / 'spikelane', tmp_path)
+    (tmp_path / 'setup').mkdir()
+    asked = tmp_path / 'asked'
+    fake(tmp_path / 'setup/bootstrap', f'echo $1 >> "{asked}"')
+    (tmp_path / 'setup/env.sh').write_text('exit 0')
+    subprocess.run([command, *words.split()], cwd=ROOT, check=True)
+    assert asked.read_text().split() == purposes
+
+
 def test_every_version_is_pinned() -> None:
     """Each requirement has one exact version, in its list or among the constraints."""
     pins = requirements('constraints.txt')
