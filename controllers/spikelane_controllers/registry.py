@@ -30,7 +30,7 @@ CONTROLLERS: Mapping[str, tuple[str, str]] = {
 
 #: Name of one that learns by driving: module and class of its training.
 TRAININGS: Mapping[str, tuple[str, str]] = {
-    'rstdp': ('spikelane_controllers.training', 'PlasticTraining'),
+    'rstdp': ('spikelane_controllers.rstdp_training', 'PlasticTraining'),
     'dqn': ('spikelane_controllers.dqn_training', 'DqnTraining'),
 }
 

@@ -32,7 +32,7 @@ from spikelane_sim.contract import (
     WheelVelocities,
 )
 from spikelane_sim.errors import CheckpointError
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import first_difference, parameter, Parameters
 
 #: Of the names of the controller's arrays in a checkpoint.
 _PREFIX = 'controller.'
@@ -82,14 +82,6 @@ class LearningController(Controller, Protocol):
         Raises:
             SpikelaneError: It is the state of another controller.
         """
-
-
-class PlasticController(LearningController, Protocol):
-    """A controller whose weights are few enough to be watched."""
-
-    @property
-    def weights_pa(self) -> NDArray[np.float64]:
-        """Weights [pA], (n_neurons, n_inputs)."""
 
 
 class Start(NamedTuple):
@@ -326,7 +318,7 @@ class Training:
         for name, expected in self._config.items():
             given = facts['config'].get(name)
             if given != expected:
-                where, expected, given = _first_difference(name, expected, given)
+                where, expected, given = first_difference(name, expected, given)
                 raise CheckpointError(
                     f'{self._checkpoint}: expected a training with {where} {expected}, '
                     f'got one with {given}'
@@ -345,41 +337,6 @@ class Training:
         )
 
 
-class PlasticTraining(Training):
-    """Training of R-STDP: every step of 50 ms counts, and the weights are watched.
-
-    Attributes:
-        controller: What learns.
-        weight_history: Weights every `save_every` steps, from step 0, each (n_neurons, n_inputs).
-    """
-
-    controller: PlasticController
-    weight_history: list[NDArray[np.float32]]
-
-    @property
-    def weights_pa(self) -> NDArray[np.float64]:
-        """Weights now [pA], (n_neurons, n_inputs)."""
-        return self.controller.weights_pa
-
-    @property
-    def save_every(self) -> int:
-        """Steps between the weights of the history."""
-        return self._parameters.save_every
-
-    def _begin_records(self) -> None:
-        self.weight_history = []
-        self._record_step()
-
-    def _record_step(self) -> None:
-        self.weight_history.append(self.controller.weights_pa.astype(np.float32))
-
-    def _records(self) -> Checkpoint:
-        return Checkpoint({'training.weight_history': np.stack(self.weight_history)}, {})
-
-    def _restore_records(self, checkpoint: Checkpoint) -> None:
-        self.weight_history = list(checkpoint.arrays['training.weight_history'])
-
-
 def controller_state(checkpoint: Checkpoint) -> State:
     """Return the controller's own state."""
     state: State = {
@@ -389,12 +346,3 @@ def controller_state(checkpoint: Checkpoint) -> State:
     }
     state.update(checkpoint.facts['controller'])
     return state
-
-
-def _first_difference(name: str, expected: Any, given: Any) -> tuple[str, Any, Any]:
-    """Return where two values differ, down to a name in mappings, and either's value there."""
-    if isinstance(expected, Mapping) and isinstance(given, Mapping):
-        for key in (*expected, *given):
-            if expected.get(key) != given.get(key):
-                return _first_difference(f'{name}.{key}', expected.get(key), given.get(key))
-    return name, expected, given

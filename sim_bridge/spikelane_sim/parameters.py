@@ -187,6 +187,15 @@ class Parameters:
         return values
 
 
+def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
+    """Return where two values differ, down to a name in mappings, and either's value there."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in (*one, *other):
+            if one.get(key) != other.get(key):
+                return first_difference(f'{name}.{key}', one.get(key), other.get(key))
+    return name, one, other
+
+
 def _convert(kind: type, value: object, item: type = float) -> Any:
     """Return the value as `kind`, or None where that would lose or invent something."""
     if isinstance(value, np.generic):

@@ -33,6 +33,7 @@ from typing import Any, Protocol
 
 from spikelane.inputs import input_digests
 from spikelane_sim.files import FileError, write_json, write_yaml
+from spikelane_sim.parameters import first_difference
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
@@ -212,15 +213,6 @@ def _with_inputs(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a configuration and, where it names files, what is in them."""
     inputs = input_digests(values)
     return {**values, 'inputs': inputs} if inputs else dict(values)
-
-
-def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
-    """Return where two values differ, down to a name in mappings, and either's value there."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        for key in (*one, *other):
-            if one.get(key) != other.get(key):
-                return first_difference(f'{name}.{key}', one.get(key), other.get(key))
-    return name, one, other
 
 
 def versions() -> dict[str, str | None]:

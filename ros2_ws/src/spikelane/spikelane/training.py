@@ -19,11 +19,11 @@ from spikelane.configuration import (
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.registry import training_class
+from spikelane_controllers.rstdp_training import PlasticTraining
 from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
 from spikelane_controllers.states import read_states
 from spikelane_controllers.training import (
     LearningController,
-    PlasticTraining,
     Termination,
     Training,
     TrainingParameters,
