@@ -126,6 +126,26 @@ def test_a_transfers_training_is_part_of_its_setting(tmp_path: Path) -> None:
     ]
 
 
+def test_transfers_with_other_states_are_not_laid_together(tmp_path: Path) -> None:
+    """Those met in the training are most of them."""
+    for name, is_used in (('with', True), ('without', False)):
+        write_transfer(tmp_path / name, 'scenario_1', from_training=is_used)
+    assert [run.setting for run in collect([tmp_path]).transfers] == ['', 'from_training False']
+
+
+def test_a_broken_evaluation_counts_for_nothing(tmp_path: Path) -> None:
+    """Not even the laps before the one that is broken."""
+    write_lap(tmp_path / 'lap')
+    folder = write_lap(tmp_path / 'evaluation', lane=None, evaluation={})
+    (folder / 'metrics.json').write_text('{"laps": [{"course": "1"}, {"course": "1"}]}')
+    for name, row in (('a', {'course': '1', 'lane': 'outer', 'seed': 3, **METRICS}), ('b', {})):
+        (folder / 'laps' / name).mkdir(parents=True)
+        (folder / 'laps' / name / 'metrics.json').write_text(json.dumps(row))
+    found = collect([tmp_path])
+    assert [lap.folder.name for lap in found.laps] == ['lap']
+    assert [each.what for each in found.left_out] == [str(folder)]
+
+
 def test_a_file_is_never_a_scenario_of_the_paper(tmp_path: Path) -> None:
     """Whatever its name; courses of one name in two folders are two."""
     courses = ('2', 'scenario_3', 'mine/scenario_1.yaml', '1.yaml', 'a/track.yaml', 'b/track.yaml')
@@ -134,13 +154,13 @@ def test_a_file_is_never_a_scenario_of_the_paper(tmp_path: Path) -> None:
     assert [lap.scenario for lap in collect([tmp_path]).laps] == ['2', '3', *courses[2:]]
 
 
-def test_a_learning_rate_is_part_of_a_setting(tmp_path: Path) -> None:
-    """Though whether a controller learns is not."""
+def test_how_something_learns_is_part_of_a_setting(tmp_path: Path) -> None:
+    """And so is a lap's learning, which changes the weights on the way."""
     write_transfer(tmp_path / 'transfer', 'scenario_1', transfer={'learning_rate': 0.001})
     write_lap(tmp_path / 'lap', controller='rstdp', rstdp={'learning': True})
     found = collect([tmp_path])
     assert [run.setting for run in found.transfers] == ['learning_rate 0.001']
-    assert [run.setting for run in found.laps] == ['']
+    assert [run.setting for run in found.laps] == ['learning True']
 
 
 def test_weights_learnt_otherwise_are_another_setting(tmp_path: Path) -> None:
@@ -203,7 +223,16 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     (write_lap(tmp_path / 'e', training=None) / 'metrics.json').unlink()
     (write_lap(tmp_path / 'f') / 'metrics.json').write_text('{"completed": true}')
     (tmp_path / 'results.json').write_text(
-        json.dumps({'runs': [{'name': 'x', 'state': 'failed', 'message': 'no such course'}]})
+        json.dumps(
+            {
+                'runs': [
+                    {'name': 'x', 'state': 'failed', 'message': 'no such course', 'folder': None},
+                    {'name': 'y', 'state': 'blocked', 'message': 'needs x', 'folder': None},
+                    {'name': 'z', 'state': 'waiting', 'message': '', 'folder': None},
+                    {'name': 'b', 'state': 'waiting', 'message': '', 'folder': 'b'},
+                ]
+            }
+        )
     )
     found = collect([tmp_path])
     assert [lap.folder for lap in found.laps] == [tmp_path / 'a']
@@ -213,6 +242,8 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     assert LeftOut(str(tmp_path / 'f'), why) in found.left_out
     assert [each.what for each in found.left_out] == [
         f'{tmp_path}: x',
+        f'{tmp_path}: y',
+        f'{tmp_path}: 1 of 4 runs',
         str(tmp_path / 'b'),
         *(str(tmp_path / name) for name in 'cdef'),
     ]

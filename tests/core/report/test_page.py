@@ -304,3 +304,27 @@ def test_a_browser_shows_it_on_a_phone(
     assert (found['dark'], found['paper']) == (scheme == 0, paper)
     cells = [cell for table in report['tables'] for row in table['rows'] for cell in row]
     assert found['cells'] == cells
+
+
+def test_a_lap_of_another_camera_is_shown(tmp_path: Path) -> None:
+    """Its animation has the camera's shape; the paper's state images are of another size."""
+    parameters = (
+        'simulator.camera.width=160',
+        'rstdp.encoding.width=160',
+        "rstdp.checkpoint=''",
+        'simulator.episode.max_steps=20',
+    )
+    words = ['--controller', 'rstdp', '--transport', 'inprocess']
+    words += [word for parameter in parameters for word in ('--param', parameter)]
+    assert run(['lap', *SHORT, *words, '--out', str(tmp_path / 'lap')]) == 1  # not completed
+    assert run(['report', str(tmp_path), '--out', str(tmp_path / 'report'), '--json']) == 0
+    result = json.loads((tmp_path / 'report/report.json').read_text('utf-8'))
+    why = {each['what'].partition(':')[0]: each['why'] for each in result['left_out']}
+    assert why['State input, half way'] == (
+        'state input: expected a camera of 128 x 128 px, got 160 x 128 px'
+    )
+    with Image.open(tmp_path / 'report/figures/animation.png') as picture:
+        shown = np.asarray(picture.convert('RGB')).astype(int)
+    coloured = (shown.max(axis=2) - shown.min(axis=2))[52:340, 16:304] > 60  # the events' place
+    assert coloured.any()
+    assert not coloured[round(288 * 128 / 160) + 1 :].any()

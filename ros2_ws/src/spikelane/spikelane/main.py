@@ -30,7 +30,7 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command and exit: 0 done, 1 failed, 2 wrong use."""
+    """Run the command and exit, with what `run` returns."""
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 

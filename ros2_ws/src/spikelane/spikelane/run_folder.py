@@ -8,9 +8,12 @@
         checkpoint.*    what a training stands at
         states.zst      states met in a training of the deep Q-network
         tensorboard/    its log
+        answers.csv     of a replay, both answers to every observation
         laps/           of an evaluation, a folder of each lap
         metrics.json    what came out
         figures/        drawn from the above
+        logs/           of the processes, where there were several
+        parameters.yaml what the nodes were given
 
 Every file is written whole (`spikelane_sim.files`). A finished run is never written over: where
 `lap` exists, the next run becomes `lap-2`, then `lap-3`.

@@ -148,7 +148,8 @@ def _summary(result: dict[str, Any]) -> str:
         )
         first = result['first_difference']
         lines['first differing'] = 'none' if first is None else f'observation {first}'
-        lines['largest'] = f'{result["largest_difference_rad_s"]:.4g} rad/s'
+        largest = result['largest_difference_rad_s']
+        lines['largest'] = 'unknown' if largest is None else f'{largest:.4g} rad/s'
     if result['mean_abs_distance_m'] is not None:
         lines['mean error'] = f'{result["mean_abs_distance_m"]:.4f} m from the lane centre'
         lines['mean deviation'] = f'{result["mean_distance_m"]:+.4f} m (right of the centre +)'

@@ -52,5 +52,5 @@ def run(options: argparse.Namespace) -> int:
     files = f'{result["runs"]} runs, {len(result["figures"])} files of figures'
     print(f'{"page":10} {result["page"]}\n{"from":10} {files}')
     if result['left_out']:
-        print(f'{"left out":10} {len(result["left_out"])}, named at its end')
+        print(f'{"left out":10} {len(result["left_out"])}, named in it')
     return 0

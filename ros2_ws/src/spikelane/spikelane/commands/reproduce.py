@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='a look in minutes: kinematic robot, one seed, shorter trainings; no reproduction',
+        help='a look in minutes: kinematic robot, one seed, shorter deep Q-learning; '
+        'no reproduction',
     )
     parser.add_argument(
         '--out',

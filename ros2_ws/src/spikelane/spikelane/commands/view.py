@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=GRPC_PORT,
         help=f'of what the page shows; 0: any (default: {GRPC_PORT})',
     )
-    add_configuration_arguments(parser, out='runs/view-...')
+    add_configuration_arguments(parser, out='runs/lap-... or runs/train-...')
 
 
 def run(options: argparse.Namespace) -> int:

@@ -48,13 +48,19 @@ class _Scene(NamedTuple):
 
 
 def draw_animation(
-    trajectory: Trajectory, events: Sequence[Events], course: Course, path: Path, title: str = ''
+    trajectory: Trajectory,
+    events: Sequence[Events],
+    image_size: tuple[int, int],
+    course: Course,
+    path: Path,
+    title: str = '',
 ) -> Path:
     """Draw a drive as an animation, and its middle picture as a still beside it.
 
     Args:
         trajectory: Of one episode, (n,).
         events: Of each of its observations, n arrays.
+        image_size: Width and height of the camera's image [px].
         course: What it was driven on.
         path: Ending in .webp; the still ends in .png.
         title: Above the picture.
@@ -72,7 +78,10 @@ def draw_animation(
         )
     scene = _scene(trajectory, course, title)
     rows = np.unique(np.linspace(0, len(trajectory) - 1, FRAMES).round().astype(int)).tolist()
-    pictures = [_picture(scene, trajectory, events, row) for row in rows]
+    pictures = []
+    for row in rows:
+        shown = _event_pixels(events[max(0, row - _SHOWN_STEPS + 1) : row + 1], image_size)
+        pictures.append(_picture(scene, trajectory, shown, row))
     write_bytes_atomically(path, _encoded(pictures))
     still = io.BytesIO()
     pictures[len(pictures) // 2].save(still, 'png')
@@ -102,18 +111,20 @@ def _scene(trajectory: Trajectory, course: Course, title: str) -> _Scene:
 
 
 def _picture(
-    scene: _Scene, trajectory: Trajectory, events: Sequence[Events], row: int
+    scene: _Scene, trajectory: Trajectory, events: NDArray[np.uint8], row: int
 ) -> Image.Image:
     from PIL import Image, ImageDraw
 
     picture = scene.background.copy()
     left, top, side = _SENSOR_PX
-    pixels = _event_pixels(events[max(0, row - _SHOWN_STEPS + 1) : row + 1])
+    height, width = events.shape[:2]
+    scale = side / max(width, height)
+    width, height = round(width * scale), round(height * scale)
     picture.paste(
-        Image.fromarray(pixels).resize((side, side), Image.Resampling.NEAREST), (left, top)
+        Image.fromarray(events).resize((width, height), Image.Resampling.NEAREST), (left, top)
     )
     pen = ImageDraw.Draw(picture)
-    pen.rectangle((left - 1, top - 1, left + side, top + side), outline=style.PALE_INK)
+    pen.rectangle((left - 1, top - 1, left + width, top + height), outline=style.PALE_INK)
     driven = [tuple(point) for point in scene.path_px[: row + 1].tolist()]
     if len(driven) > 1:
         pen.line(driven, fill=style.RIGHT, width=2)
@@ -122,15 +133,16 @@ def _picture(
     state = f'{row * STEP_S:6.1f} s    d = {1000 * trajectory.distance_m[row]:+.0f} mm'
     seen = f'events of {_SHOWN_STEPS * STEP_S:g} s: brighter blue, darker orange'
     pen.text((left, top - 18), state, fill=style.INK, font=scene.font)
-    pen.text((left, top + side + 3), seen, fill=style.INK, font=scene.font.font_variant(size=11))
+    pen.text((left, top + height + 3), seen, fill=style.INK, font=scene.font.font_variant(size=11))
     return picture
 
 
-def _event_pixels(steps: Sequence[Events]) -> NDArray[np.uint8]:
-    """Return the events of some steps as an image of the sensor, (128, 128, 3)."""
+def _event_pixels(steps: Sequence[Events], image_size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return the events of some steps as an image of the sensor, (height, width, 3)."""
     from PIL import ImageColor
 
-    pixels = np.full((128, 128, 3), 255, np.uint8)
+    width, height = image_size
+    pixels = np.full((height, width, 3), 255, np.uint8)
     for events in steps:
         for polarity, colour in ((1, style.RIGHT), (-1, style.LEFT)):
             chosen = events[events['polarity'] == polarity]

@@ -20,6 +20,7 @@ from spikelane_sim.encoding import (
     StateImage,
     StateImageParameters,
 )
+from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import Events
 
 if TYPE_CHECKING:
@@ -29,12 +30,15 @@ _SIZE_IN = (10.6, 3.6)
 _COLOURS = 'BuPu'
 
 
-def draw_state_input(steps: Sequence[Events], path: Path, title: str = '') -> tuple[Path, ...]:
+def draw_state_input(
+    steps: Sequence[Events], image_size: tuple[int, int], path: Path, title: str = ''
+) -> tuple[Path, ...]:
     """Draw the events of the last step and the two kinds of images of counts.
 
     Args:
         steps: Events of consecutive steps, oldest first, at least as many as the deep Q-network's
-            image has frames; of a sensor of 128 x 128 pixels.
+            image has frames.
+        image_size: Width and height of the camera's image [px].
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
 
@@ -42,9 +46,15 @@ def draw_state_input(steps: Sequence[Events], path: Path, title: str = '') -> tu
         The files written.
 
     Raises:
-        SpikelaneError: The path has another ending, or it cannot be written.
+        SpikelaneError: The image has not the size that the paper's encodings are of, the path
+            has another ending, or it cannot be written.
     """
     fine, coarse = StateImageParameters(), EncodingParameters()
+    if image_size != (fine.width, fine.height):
+        raise SpikelaneError(
+            f'state input: expected a camera of {fine.width} x {fine.height} px, '
+            f'got {image_size[0]} x {image_size[1]} px'
+        )
     image = StateImage(fine)
     for events in steps[-fine.frames :]:
         image.add(events)

@@ -24,10 +24,12 @@ class Seen(NamedTuple):
     Attributes:
         trajectory: Its first lap, or all of it where there is none; n rows.
         events: Of each row, n arrays.
+        image_size: Width and height of the camera's image [px].
     """
 
     trajectory: Trajectory
     events: list[Events]
+    image_size: tuple[int, int]
 
 
 def drive_again(lap: Lap, trajectory: Trajectory) -> Seen:
@@ -60,7 +62,7 @@ def drive_again(lap: Lap, trajectory: Trajectory) -> Seen:
             events.append(observation.events)
             if row < len(first) - 1:
                 observation = simulator.step(WheelVelocities(left, right))
-    return Seen(first, events)
+    return Seen(first, events, (parameters.camera.width, parameters.camera.height))
 
 
 def first_lap(trajectory: Trajectory) -> Trajectory:

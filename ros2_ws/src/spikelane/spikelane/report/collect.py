@@ -150,7 +150,7 @@ def _add_run(runs: Runs, folder: Path) -> None:
     elif 'transfer' in config:
         runs.transfers.append(_transfer(folder, config, metrics))
     elif 'evaluation' in config:
-        runs.laps.extend(_evaluated(folder, config, metrics))
+        runs.laps.extend(list(_evaluated(folder, config, metrics)))  # all of them or none
     elif 'lane' in config:
         runs.laps.append(_lap(folder, config, metrics, config['lane'], config['seed']))
     else:
@@ -230,6 +230,8 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
         except CheckpointError:
             continue
         if 'terminations' in facts:
+            if 'scenario' not in facts['config']:  # a node learns wherever its topics come from
+                raise CheckpointError('checkpoint.safetensors: does not say what was driven on')
             return _training(folder, facts['config'], {})
     raise CheckpointError("checkpoint.safetensors: expected a training's checkpoint")
 
@@ -268,8 +270,12 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
     runs.left_out.extend(
         LeftOut(f'{folder}: {run["name"]}', run['message'])
         for run in listed
-        if run['state'] == 'failed'
+        if run['state'] in ('failed', 'blocked')
     )
+    # Those that were begun have a folder, and are found there.
+    waiting = sum(run['state'] == 'waiting' and not run['folder'] for run in listed)
+    if waiting:
+        runs.left_out.append(LeftOut(f'{folder}: {waiting} of {len(listed)} runs', 'not begun'))
     runs.variants.update(
         {
             folder / run['folder']: run['variants']

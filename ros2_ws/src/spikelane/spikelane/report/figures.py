@@ -54,7 +54,7 @@ class Drawn(NamedTuple):
     Attributes:
         heading: Of the part of the page it belongs to.
         caption: What it shows, of which run.
-        files: Its files; the first that is small enough is shown.
+        files: Its files; the smallest is shown.
     """
 
     heading: str
@@ -147,14 +147,14 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
         return drive_again(lap, _trajectory(lap))
 
     def draw_moving() -> tuple[Path, ...]:
-        trajectory, events = seen()
         file = folder / 'animation.webp'
-        return (draw_animation(trajectory, events, course_of(lap), file, title_of(lap)),)
+        return (draw_animation(*seen(), course_of(lap), file, title_of(lap)),)
 
     def draw_state() -> tuple[Path, ...]:
-        events = seen().events
+        _, events, image_size = seen()
         last = max(StateImageParameters().frames, len(events) // 2)
-        return draw_state_input(events[:last], folder / 'state_input', 'State input')
+        file = folder / 'state_input'
+        return draw_state_input(events[:last], image_size, file, 'State input')
 
     yield _Figure('A lap', 'animation', f'Camera events beside the course: {words}', draw_moving)
     yield _Figure('Task', 'state_input', f'State input, half way: {words}', draw_state)

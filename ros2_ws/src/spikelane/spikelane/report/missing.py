@@ -25,8 +25,12 @@ def missing(runs: Runs) -> Iterator[LeftOut]:
             if (controller, scenario) not in trained:
                 what = f'{shown_name(controller)} training, scenario {scenario}'
                 yield LeftOut(what, 'no run among these')
-    for scenario, controllers in (('1', ORDER), ('2', ('dqn', 'dqn_snn', 'rstdp')), ('3', ORDER)):
-        for controller in controllers if scenario != '3' else ('rstdp',):
+    for scenario, controllers in (
+        ('1', ORDER),
+        ('2', ('dqn', 'dqn_snn', 'rstdp')),
+        ('3', ('rstdp',)),
+    ):
+        for controller in controllers:
             if (controller, scenario) not in driven:
                 what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
                 yield LeftOut(what, 'no run among these')

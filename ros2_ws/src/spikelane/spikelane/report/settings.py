@@ -21,7 +21,7 @@ from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator import SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
-_NO_VARIANT = ('course', 'learning', 'checkpoint', 'q_learning.device')
+_NO_VARIANT = ('course', 'checkpoint', 'q_learning.device')
 
 
 def scenario_name(config: Mapping[str, Any]) -> str:
@@ -130,6 +130,8 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
             for name, value in usual.items():
                 if name not in _NO_VARIANT and name in values and values[name] != value:
                     found[name] = values[name]
+    if config.get('from_training') is False:
+        found['from_training'] = False
     return found
 
 
