@@ -249,6 +249,20 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     ]
 
 
+def test_runs_that_an_experiment_has_no_more_are_left_out(tmp_path: Path) -> None:
+    """As it was changed since; a lap somebody put beside them is no run of it, and counts."""
+    for seed, name in enumerate(('now', 'before', 'earlier', 'own')):
+        write_lap(tmp_path / name, seed=seed)
+        if name != 'own':
+            (tmp_path / name / 'run.json').write_text('{}')
+    listed = {'name': 'a', 'state': 'done', 'message': '', 'folder': 'now'}
+    (tmp_path / 'results.json').write_text(json.dumps({'runs': [listed]}))
+    found = collect([tmp_path])
+    assert [lap.folder.name for lap in found.laps] == ['now', 'own']
+    why = 'not of the experiment as it is now'
+    assert found.left_out == [LeftOut(f'{tmp_path}: 2 runs', why)]
+
+
 def test_an_unfinished_training_says_how_far_it_is(tmp_path: Path) -> None:
     """By its checkpoint; it is in no table, as it would be a training of fewer steps."""
     folder = write_training(tmp_path / 'a', 0, [])

@@ -6,12 +6,14 @@ What cannot be used is not an error: it is named, with the reason.
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Iterator, Mapping, Sequence
 import json
 import os
 from pathlib import Path
 from typing import Any
 
+from spikelane.experiment.plan import RUN_FILE
 from spikelane.report.runs import (
     Conditions,
     Lap,
@@ -60,13 +62,20 @@ def collect(paths: Sequence[Path]) -> Runs:
     """
     runs = Runs()
     seen: set[Path] = set()
+    former: collections.Counter[Path] = collections.Counter()
     for path in paths:
         if not path.is_dir():
             raise ReportError(f'{path}: expected a folder of runs, got none')
         for folder in _folders(path):
             if folder.resolve() not in seen:
                 seen.add(folder.resolve())
-                _add(runs, folder)
+                if _is_former(runs, folder):
+                    former[folder.parent] += 1
+                else:
+                    _add(runs, folder)
+    for root, count in former.items():
+        why = 'not of the experiment as it is now'
+        runs.left_out.append(LeftOut(f'{root}: {count} runs', why))
     for found in (runs.laps, runs.trainings, runs.transfers):
         runs.left_out.extend(_without_copies(found))
     if not runs:
@@ -112,6 +121,12 @@ def _folders(path: Path) -> Iterator[Path]:
             yield folder
         elif _RESULTS_FILE in files:
             yield folder
+
+
+def _is_former(runs: Runs, folder: Path) -> bool:
+    """Return whether a run is of an experiment that has been changed since, and has it no more."""
+    listed = runs.listed.get(folder.parent)
+    return listed is not None and folder not in listed and (folder / RUN_FILE).exists()
 
 
 def _add(runs: Runs, folder: Path) -> None:
@@ -272,8 +287,9 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
         for run in listed
         if run['state'] in ('failed', 'blocked')
     )
+    runs.listed[folder] = frozenset(folder / run['folder'] for run in listed if run.get('folder'))
     # Those that were begun have a folder, and are found there.
-    waiting = sum(run['state'] == 'waiting' and not run['folder'] for run in listed)
+    waiting = sum(run['state'] == 'waiting' and not run.get('folder') for run in listed)
     if waiting:
         runs.left_out.append(LeftOut(f'{folder}: {waiting} of {len(listed)} runs', 'not begun'))
     runs.variants.update(
