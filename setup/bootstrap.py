@@ -191,11 +191,12 @@ def make_environment(ros: Ros, is_continued: bool) -> None:
         ros: ROS to be seen in it.
         is_continued: Whether to complete what is there, as its making was interrupted.
     """
+    python = base_python(ros)  # now: what runs this may be the link that is removed
     if VENV.exists() and not is_continued:
         with step('removing the environment of another Python, ROS or path'):
             for folder in (VENV, WORKSPACE / 'build', WORKSPACE / 'install'):
                 shutil.rmtree(folder, ignore_errors=True)
-    command = [base_python(ros), '-m', 'venv', str(VENV)]
+    command = [python, '-m', 'venv', str(VENV)]
     if ros.prefix is not None:
         command.append('--system-site-packages')
     with step(f'making .venv with {command[0]}'):

@@ -158,6 +158,21 @@ def test_a_moved_repository_is_set_up_anew(machine: Machine, bootstrap: ModuleTy
     assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
 
 
+def test_the_environment_s_own_python_makes_it_anew(
+    bootstrap: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a copy of a repository it still runs, and is removed before it is needed."""
+    link = bootstrap.VENV / 'bin/python'
+    link.parent.mkdir(parents=True)
+    link.symlink_to(sys.executable)
+    monkeypatch.setattr(sys, 'executable', str(link))
+    commands: list[Sequence[str]] = []
+    monkeypatch.setattr(bootstrap, 'run', lambda command, *rest: commands.append(command))
+    bootstrap.make_environment(bootstrap.Ros(None, ()), is_continued=False)
+    [[python, *_]] = commands
+    assert Path(python).exists()
+
+
 def test_what_ros_has_is_not_built(machine: Machine, tmp_path: Path, monkeypatch: Any) -> None:
     """An installed ROS is used as it is, with those packages alone that it lacks."""
     ros = tmp_path / 'ros'
