@@ -249,17 +249,21 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     ]
 
 
-def test_runs_that_an_experiment_has_no_more_are_left_out(tmp_path: Path) -> None:
-    """As it was changed since; a lap somebody put beside them is no run of it, and counts."""
-    for seed, name in enumerate(('now', 'before', 'earlier', 'own')):
-        write_lap(tmp_path / name, seed=seed)
-        if name != 'own':
-            (tmp_path / name / 'run.json').write_text('{}')
-    listed = {'name': 'a', 'state': 'done', 'message': '', 'folder': 'now'}
-    (tmp_path / 'results.json').write_text(json.dumps({'runs': [listed]}))
+def test_runs_whose_places_others_took_are_left_out(tmp_path: Path) -> None:
+    """A run that results do not name yet, and a lap somebody put beside them, count."""
+    names = {'a': 'a', 'a-2': 'a', 'b': 'b', 'b-2': 'b', 'new': 'new', 'own': None}
+    for seed, (folder, name) in enumerate(names.items()):
+        write_lap(tmp_path / folder, seed=seed)
+        if name is not None:
+            (tmp_path / folder / 'run.json').write_text(json.dumps({'name': name}))
+    listed = [
+        {'name': 'a', 'state': 'done', 'message': '', 'folder': 'a-2'},
+        {'name': 'b', 'state': 'found', 'message': '', 'folder': 'b'},
+    ]
+    (tmp_path / 'results.json').write_text(json.dumps({'runs': listed}))
     found = collect([tmp_path])
-    assert [lap.folder.name for lap in found.laps] == ['now', 'own']
-    why = 'not of the experiment as it is now'
+    assert [lap.folder.name for lap in found.laps] == ['a-2', 'b', 'new', 'own']
+    why = 'the experiment was changed since, and others took their places'
     assert found.left_out == [LeftOut(f'{tmp_path}: 2 runs', why)]
 
 

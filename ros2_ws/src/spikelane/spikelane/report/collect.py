@@ -74,7 +74,7 @@ def collect(paths: Sequence[Path]) -> Runs:
                 else:
                     _add(runs, folder)
     for root, count in former.items():
-        why = 'not of the experiment as it is now'
+        why = 'the experiment was changed since, and others took their places'
         runs.left_out.append(LeftOut(f'{root}: {count} runs', why))
     for found in (runs.laps, runs.trainings, runs.transfers):
         runs.left_out.extend(_without_copies(found))
@@ -124,9 +124,17 @@ def _folders(path: Path) -> Iterator[Path]:
 
 
 def _is_former(runs: Runs, folder: Path) -> bool:
-    """Return whether a run is of an experiment that has been changed since, and has it no more."""
-    listed = runs.listed.get(folder.parent)
-    return listed is not None and folder not in listed and (folder / RUN_FILE).exists()
+    """Return whether another folder has taken its place, as the experiment was changed since."""
+    folders = runs.listed.get(folder.parent, {})
+    return folders.get(_run_name(folder), folder.name) != folder.name
+
+
+def _run_name(folder: Path) -> str:
+    """Return the name that an experiment has for a run, '' for a run of none."""
+    try:
+        return str(json.loads((folder / RUN_FILE).read_text('utf-8'))['name'])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ''
 
 
 def _add(runs: Runs, folder: Path) -> None:
@@ -287,7 +295,7 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
         for run in listed
         if run['state'] in ('failed', 'blocked')
     )
-    runs.listed[folder] = frozenset(folder / run['folder'] for run in listed if run.get('folder'))
+    runs.listed[folder] = {run['name']: run['folder'] for run in listed if run.get('folder')}
     # Those that were begun have a folder, and are found there.
     waiting = sum(run['state'] == 'waiting' and not run.get('folder') for run in listed)
     if waiting:

@@ -166,7 +166,7 @@ class Runs:
         left_out: What cannot be used.
         variants: What experiments call the settings of their runs, by the runs' folders.
         settings: What names stand for that runs have for a setting.
-        listed: Folders of the runs that experiments consist of now, by the experiments' folders.
+        listed: Of experiments, by their folders: names of the folders of runs, by the runs'.
     """
 
     laps: list[Lap] = dataclasses.field(default_factory=list)
@@ -176,7 +176,7 @@ class Runs:
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
     settings: list[NamedSetting] = dataclasses.field(default_factory=list)
     variants: dict[Path, str] = dataclasses.field(default_factory=dict)
-    listed: dict[Path, frozenset[Path]] = dataclasses.field(default_factory=dict)
+    listed: dict[Path, dict[str, str]] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of runs that can be used."""
