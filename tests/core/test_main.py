@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 from spikelane.executables import executables, find_executable
+from spikelane.interruption import check, SIGNALS
 from spikelane.main import COMMANDS, main, run
 from spikelane_controllers import registry
 from spikelane_sim.errors import PacketError, SpikelaneError
@@ -20,10 +21,11 @@ from spikelane_sim.errors import PacketError, SpikelaneError
 
 @pytest.fixture(autouse=True)
 def _signals_as_before() -> Iterator[None]:
-    """The command handles SIGTERM; the test runner wants its own way back."""
-    before = signal.getsignal(signal.SIGTERM)
+    """The command ignores signals once it is done; the test runner wants its own way back."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     yield
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def exit_of(*arguments: str) -> object:
@@ -156,29 +158,30 @@ def test_a_bug_is_no_wrong_use(monkeypatch: pytest.MonkeyPatch) -> None:
         run(['lap'])
 
 
-def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As shells have it: 128 + SIGINT."""
-    fake_command(monkeypatch, KeyboardInterrupt())
-    assert run(['lap']) == 130
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_takes_effect_between_two_steps(
+    monkeypatch: pytest.MonkeyPatch, number: int, status: int
+) -> None:
+    """As shells have it: 128 + n; the step is finished, and the clean-up is not cut short."""
+    done = []
 
-
-def test_a_termination_cleans_up_and_ends_with_143(monkeypatch: pytest.MonkeyPatch) -> None:
-    """128 + SIGTERM; whatever is held is released on the way out."""
-    released = []
-
-    def run_until_terminated(options: argparse.Namespace) -> int:
+    def run_until_told(options: argparse.Namespace) -> int:
         del options
         try:
-            os.kill(os.getpid(), signal.SIGTERM)
-            signal.sigtimedwait([], 5.0)
+            os.kill(os.getpid(), number)
+            done.append('step')
+            check()
+            done.append('next step')
         finally:
-            released.append(True)
+            os.kill(os.getpid(), number)
+            check()
+            done.append('clean-up')
         return 0
 
     fake_command(monkeypatch, 0)
-    monkeypatch.setattr(sys.modules['spikelane.commands.lap'], 'run', run_until_terminated)
-    assert run(['lap']) == 143
-    assert released == [True]
+    monkeypatch.setattr(sys.modules['spikelane.commands.lap'], 'run', run_until_told)
+    assert run(['lap']) == status
+    assert done == ['step', 'clean-up']
 
 
 def test_a_node_is_found_through_the_ament_index(

@@ -13,6 +13,7 @@ import os
 from pathlib import Path
 import time
 
+from spikelane.interruption import check
 from spikelane_sim.files import FileError
 
 _LOCKS = Path('/proc/locks')
@@ -39,6 +40,7 @@ def locked(path: Path, patience_s: float = 0.0) -> Iterator[None]:
         while not _try_lock(descriptor):
             if time.monotonic() >= deadline_s:
                 raise FileError(f'{path}: another process works here{_holder(descriptor)}')
+            check()
             time.sleep(_POLL_S)
         yield
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from spikelane.interruption import check
 from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
 from spikelane_sim.simulator import Simulator
 
@@ -34,6 +35,7 @@ def drive_episode(
 
     Raises:
         SpikelaneError: No such lane, or a negative seed.
+        Interrupted: A signal has come.
     """
     observation = simulator.reset(lane, seed)
     assert observation.lane is not None  # a simulator always knows it
@@ -41,6 +43,7 @@ def drive_episode(
     while True:
         wheels = controller.step(observation)
         on_step(observation, wheels)
+        check()
         if observation.lane is not None and observation.lane.terminated:
             return observation
         observation = simulator.step(wheels)

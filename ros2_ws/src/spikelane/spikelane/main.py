@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import importlib
-import signal
 import sys
-from types import FrameType
 from typing import NoReturn
 
+from spikelane.interruption import Interrupted, signals_noted
 from spikelane_sim.errors import SpikelaneError
 
 #: Sub-commands and what they are for; each is a module of `spikelane.commands`.
@@ -31,7 +30,9 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit, with what `run` returns."""
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+    with signals_noted(are_ignored_afterwards=True):
+        status = _run(sys.argv[1:] if arguments is None else arguments)
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -43,7 +44,11 @@ def run(arguments: Sequence[str]) -> int:
     Raises:
         SystemExit: Help was asked for (0), or the arguments cannot be understood (2).
     """
-    signal.signal(signal.SIGTERM, _raise_terminated)
+    with signals_noted():
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str]) -> int:
     try:
         # It names the controllers there are, which another package's may make impossible.
         options = _parser(arguments).parse_args(arguments)
@@ -52,19 +57,8 @@ def run(arguments: Sequence[str]) -> int:
         command = ' '.join(['spikelane', *arguments[:1]])
         print(f'{command}: {error}', file=sys.stderr)
         return error.exit_status
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
-    except _Terminated:
-        return 128 + signal.SIGTERM
-
-
-class _Terminated(BaseException):
-    """SIGTERM came; raised so that everything is cleaned up on the way out."""
-
-
-def _raise_terminated(number: int, frame: FrameType | None) -> None:
-    del number, frame
-    raise _Terminated
+    except Interrupted as interrupted:
+        return interrupted.exit_status
 
 
 class _Parser(argparse.ArgumentParser):

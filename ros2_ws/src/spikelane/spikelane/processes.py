@@ -17,11 +17,13 @@ import time
 from types import TracebackType
 from typing import Literal
 
+from spikelane.interruption import check
 from spikelane_sim.errors import SpikelaneError
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _LAST_LINES = 5
+_WAIT_S = 0.1  # between two looks whether a signal has come
 
 #: Signals to end a child with, and how long it has to obey each [s].
 _ENDINGS = ((signal.SIGINT, 10.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
@@ -101,11 +103,15 @@ class Processes:
 
         Raises:
             ProcessError: It takes longer, or ends with an error.
+            Interrupted: A signal has come.
         """
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            if self._children[name].wait(timeout_s) == 0:
-                return
-            self._check(name)
+        deadline_s = time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s:
+            check()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                if self._children[name].wait(_WAIT_S) == 0:
+                    return
+                self._check(name)
         raise ProcessError(f'{name}: expected it to end within {timeout_s:g} s, it still runs')
 
     def stop(self, *names: str) -> None:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from spikelane.bag.drive import RecordedDrive
 from spikelane.comparison import Answer, compare, drive_metrics, write_answers
 from spikelane.configuration import configured_controller
+from spikelane.interruption import check
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.hosting import Host, image_size
@@ -186,6 +187,7 @@ def replay(
                 )
             )
             show(len(answers), recorded.lane.progress_m if recorded.lane else 0.0)
+        check()
     return Replayed(answers, sensor, total_s, slowest_s)
 
 

@@ -16,6 +16,7 @@ from spikelane.configuration import (
     configure,
     configured_controller,
 )
+from spikelane.interruption import check
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.registry import training_class
@@ -136,6 +137,7 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
 
     Raises:
         SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
+        Interrupted: A signal has come; the training can be resumed from its last checkpoint.
     """
     training = make_training(config, folder, resume=resume)
     scalars = ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
@@ -149,6 +151,7 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
                 training.reset(controller_rng(config.seed, state.episode))
             wheels = training.step(observation)
             show(training.steps, state.progress_m)
+            check()
             observation = simulator.reset() if state.terminated else simulator.step(wheels)
     return training
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.configuration import check_seed, parameter_groups
+from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import rate_errors, RateError
@@ -183,8 +184,14 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
 
     Raises:
         SpikelaneError: The policy or its states cannot be read, or not learnt from.
+        Interrupted: A signal has come; nothing is kept.
     """
     require_pytorch()  # before anything is driven
+
+    def show_and_check(what: str, done: int, of: int) -> None:
+        show(what, done, of)
+        check()
+
     policy = _policy(config)
     file = find_checkpoint('dqn', config.checkpoint)
     parts: dict[str, NDArray[np.uint8]] = {}
@@ -197,7 +204,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
             lambda counts: _action(policy, counts),
             config.gathering,
             config.seed,
-            lambda done, of: show(STATES, done, of),
+            lambda done, of: show_and_check(STATES, done, of),
         )
     counts = np.vstack(list(parts.values()))
     actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
@@ -208,7 +215,7 @@ def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:
         config.gathering.encoding.frames,
         config.transfer,
         np.random.default_rng([config.seed, 3]),  # 0 to 2: simulator, controller, gathering
-        lambda done, of: show(TRAINING_STEPS, done, of),
+        lambda done, of: show_and_check(TRAINING_STEPS, done, of),
     )
     return PolicyTransfer(
         learnt,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -14,12 +15,14 @@ import time
 from typing import Any
 
 from spikelane.bag.reader import BagReader
+from spikelane.interruption import check
 from spikelane_sim.errors import BagError
 
 # From a state message to an event packet [bytes].
 SIZES = (250, 500, 1000, 3000)
 _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 20.0
+_LOOK_S = 0.1  # between two looks whether a signal has come
 
 
 def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[str, Any]:
@@ -94,6 +97,7 @@ def _wait_for(path: Path, process: subprocess.Popen[str]) -> None:
     while not path.exists():
         if process.poll() is not None or time.monotonic() > deadline:
             raise BagError(f'recorder: expected it to start within {_START_TIMEOUT_S:g} s')
+        check()
         time.sleep(0.02)
 
 
@@ -102,15 +106,24 @@ def _load(messages_per_s: float, seconds: float, environment: dict[str, str]) ->
     parameters = {'rate': float(messages_per_s), 'count': count, 'sizes': list(SIZES)}
     publisher = _start('load_publisher', parameters, environment)
     try:
-        output, _ = publisher.communicate(timeout=_START_TIMEOUT_S + 3 * seconds)
-    except subprocess.TimeoutExpired:
+        output = _output(publisher, _START_TIMEOUT_S + 3 * seconds)
+    finally:
         publisher.kill()
-        publisher.communicate()
-        raise BagError('load_publisher: expected it to finish, it did not') from None
+        publisher.wait()
     if publisher.returncode != 0:
         raise BagError(f'load_publisher: expected exit status 0, got {publisher.returncode}')
     load: dict[str, Any] = json.loads(output)
     return load
+
+
+def _output(process: subprocess.Popen[str], timeout_s: float) -> str:
+    """Wait for a process's end and return its output."""
+    deadline_s = time.monotonic() + timeout_s
+    while time.monotonic() < deadline_s:
+        check()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.communicate(timeout=_LOOK_S)[0]
+    raise BagError('load_publisher: expected it to finish, it did not')
 
 
 def _idle_cpu_s(pid: int) -> float:

@@ -6,6 +6,7 @@ import argparse
 import os
 
 from spikelane.executables import executables, find_executable
+from spikelane.interruption import hand_over
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,4 +27,5 @@ def run(options: argparse.Namespace) -> int:
         SpikelaneError: There is no such node.
     """
     executable = str(find_executable(options.node))
+    hand_over()
     os.execv(executable, [executable, *options.arguments])

@@ -17,6 +17,7 @@ from spikelane.commands.arguments import (
     progress,
 )
 from spikelane.executables import find_executable
+from spikelane.interruption import hand_over, Interrupted
 from spikelane.lap import LapConfig, make_config, report_lap
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
@@ -98,8 +99,9 @@ def run(options: argparse.Namespace) -> int:
                 while True:
                     server.check()
                     time.sleep(_CHECK_PERIOD_S)
-    except KeyboardInterrupt:
-        return 0
+    except Interrupted as interrupted:
+        if interrupted.number != signal.SIGINT:
+            raise
     return 0
 
 
@@ -115,7 +117,8 @@ def _become_viewer(options: argparse.Namespace) -> int:
     environment = dict(os.environ)
     if options.domain is not None:
         environment['ROS_DOMAIN_ID'] = str(options.domain)
-    # What this process does with SIGTERM is forgotten, what it ignores would not be.
+    hand_over()
+    # What this process handles is forgotten by the new program, what it ignores is not.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.stdout.flush()
     os.execve(executable, command, environment)

@@ -21,6 +21,7 @@ from spikelane.experiment.engine import (
     worker_environment,
 )
 from spikelane.experiment.worker import LOG
+from spikelane.interruption import handlers_kept
 from spikelane.processes import Processes
 from spikelane_sim.errors import SpikelaneError
 
@@ -46,9 +47,17 @@ class RayEngine:
         Raises:
             SpikelaneError: Ray is not installed, or there is no such cluster.
         """
-        self._ray = _import_ray()
         if address is not None:
             _check_address(address)
+        with handlers_kept():  # Ray would end the process on SIGTERM with a status of its own
+            self._ray = _import_ray()
+            self._join(address, jobs)
+        self._slots = jobs or max(1, int(self._ray.cluster_resources().get('CPU', 1)))
+        # No retries of Ray's own: the experiment counts and reports them.
+        self._do = self._ray.remote(num_cpus=1, max_retries=0)(do_in_process)
+        self._running: dict[Any, tuple[str, Path]] = {}
+
+    def _join(self, address: str | None, jobs: int | None) -> None:
         try:
             if address is None:
                 os.environ.setdefault('RAY_USAGE_STATS_ENABLED', '0')  # nobody is told of it
@@ -69,10 +78,6 @@ class RayEngine:
                 f'--engine ray: expected a Ray cluster at {address or "this machine"}, got: '
                 f'{lines[0]}'
             ) from None
-        self._slots = jobs or max(1, int(self._ray.cluster_resources().get('CPU', 1)))
-        # No retries of Ray's own: the experiment counts and reports them.
-        self._do = self._ray.remote(num_cpus=1, max_retries=0)(do_in_process)
-        self._running: dict[Any, tuple[str, Path]] = {}
 
     @property
     def slots(self) -> int:

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from spikelane.experiment.engine import Ended, Engine
 from spikelane.experiment.plan import find_runs, make_run_folder, Plan, Run, write_run
 from spikelane.experiment.worker import Progress, read_progress
+from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
 from spikelane_sim.files import FileError
 
@@ -181,6 +182,7 @@ class Runner:
                 self._read_progress()
                 show(None)
                 shown_s = time.monotonic()
+            check()
             time.sleep(_POLL_S)
 
     def _ready(self) -> Iterator[Status]:

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 import contextlib
 import json
 from pathlib import Path
-import signal
 import sys
 import time
-from types import FrameType
 from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.experiment.tasks import Point, task_named
+from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
@@ -49,17 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 done, 1 failed, 128 + n when ended by signal n.
     """
-    signal.signal(signal.SIGTERM, _raise_exit)
     (path,) = sys.argv[1:] if arguments is None else arguments
+    with signals_noted(are_ignored_afterwards=arguments is None):
+        return _do_run_in(Path(path))
+
+
+def _do_run_in(path: Path) -> int:
     try:
-        folder = _folder(Path(path))
+        folder = _folder(path)
         with locked(folder.path, patience_s=_LOCK_S):
             do_run(folder)
     except SpikelaneError as error:
         print(error, file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
+    except Interrupted as interrupted:
+        return interrupted.exit_status
     return 0
 
 
@@ -128,11 +131,6 @@ def _read(path: Path) -> dict[str, Any]:
         return dict(json.loads(path.read_text('utf-8')))
     except (OSError, ValueError) as error:
         raise FileError(f'{path}: expected what a run is, got a file unread: {error}') from None
-
-
-def _raise_exit(number: int, frame: FrameType | None) -> None:
-    del frame
-    raise SystemExit(128 + number)
 
 
 if __name__ == '__main__':

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import os
-import signal
 import time
 from typing import Any
 
@@ -18,6 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from spikelane.executables import find_executable
+from spikelane.interruption import check
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
 from spikelane_sim.files import write_yaml
@@ -79,25 +79,6 @@ def add_viewer(parameters: dict[str, dict[str, Any]], viewer: Mapping[str, Any])
     simulator = parameters['simulator']
     simulator['wait_for_subscribers'] += 1
     parameters['viewer'] = {'course': simulator['course'], **viewer}
-
-
-@contextlib.contextmanager
-def _signals_waiting() -> Iterator[None]:
-    """Let SIGINT and SIGTERM wait until the block is left.
-
-    What their handlers raise amid a message's conversion in C++ comes out as another exception.
-    """
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    came: list[int] = []
-    for number in handlers:
-        signal.signal(number, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for number in came[:1]:
-            signal.raise_signal(number)
 
 
 class Supervisor:
@@ -183,8 +164,8 @@ class Supervisor:
 
     def spin(self, may_end: Sequence[str] = ()) -> None:
         """Handle what has come, and check that all processes run but those that may end."""
-        with _signals_waiting():
-            self._executor.spin_once(timeout_sec=0.1)
+        self._executor.spin_once(timeout_sec=0.1)
+        check()
         self._processes.check(may_end)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

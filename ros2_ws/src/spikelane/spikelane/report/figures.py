@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from spikelane.figures import style
 from spikelane.figures.past import PlasticPast
+from spikelane.interruption import check
 from spikelane.report.comparisons import (
     Comparison,
     comparisons,
@@ -81,6 +82,7 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
     left_out: list[LeftOut] = []
     for each in _all(runs, folder):
         show(each.name)
+        check()
         try:
             drawn.append(Drawn(each.heading, each.caption, each.draw()))
         except SpikelaneError as error:

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Literal
 from urllib.parse import urlencode
 
+from spikelane import interruption
 from spikelane.processes import ProcessError, Processes
 from spikelane_sim.errors import SpikelaneError
 
@@ -104,7 +105,9 @@ class ViewerServer:
 
         Raises:
             ProcessError: It has ended.
+            Interrupted: A signal has come.
         """
+        interruption.check()
         self._processes.check()
 
     def _end(self) -> None:
