@@ -55,6 +55,7 @@ class Sensor:
         packets: Taken.
         lost: Missing in the packets' numbering.
         faulty: Could not be decoded: a step without events, or nothing of a camera's step.
+        first_fault: Why the first of them could not; '' without one.
         on: Events decoded that say brighter; 0 like the next three unless `sums_events`.
         off: Events decoded that say darker.
         sum_x: Sum of the columns of the events decoded [px].
@@ -105,6 +106,7 @@ class Sensor:
         self._bins: Bins | None = None
         self.packets = self.lost = self.faulty = self.restarts = 0
         self.on = self.off = self.sum_x = self.sum_y = self.kept = 0
+        self.first_fault = ''
         self.is_camera: bool | None = None
 
     def add(self, packet: ReceivedPacket) -> list[SensorStep]:
@@ -182,6 +184,7 @@ class Sensor:
             )
         except PacketError as error:
             self.faulty += 1
+            self.first_fault = self.first_fault or str(error)
             self._on_fault(str(error))
             return None
         if self._sums_events:

@@ -178,12 +178,13 @@ def test_custom_data_is_found_without_metadata_yaml(tmp_path: Path) -> None:
 
 def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
     """Each with one sentence that names it."""
-    with pytest.raises(BagError, match=r'nothing: expected an \.mcap file or a bag folder'):
+    with pytest.raises(BagError, match=r'nothing: expected an \.mcap or \.db3 file or a bag'):
         BagReader(tmp_path / 'nothing')
     (tmp_path / 'a.db3').touch()
-    with pytest.raises(BagError, match=r'expected an \.mcap file'):
+    with pytest.raises(BagError, match=r'expected MCAP storage, got sqlite3'):
         BagReader(tmp_path / 'a.db3')
-    with pytest.raises(BagError, match=r'expected \.mcap files, found none'):
+    (tmp_path / 'a.db3').unlink()
+    with pytest.raises(BagError, match=r'expected \.mcap or \.db3 files, found none'):
         BagReader(tmp_path)
 
 
@@ -193,6 +194,7 @@ def test_bags_of_another_storage_are_refused(tmp_path: Path) -> None:
         'rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n'
         '  relative_file_paths:\n    - a_0.db3\n  message_count: 0\n'
     )
+    (tmp_path / 'a_0.db3').touch()
     with pytest.raises(BagError, match='expected MCAP storage, got sqlite3'):
         BagReader(tmp_path)
 

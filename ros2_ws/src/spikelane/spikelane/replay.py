@@ -26,6 +26,7 @@ from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import (
     controller_rng,
     Observation,
+    STEP_NS,
     STEP_S,
 )
 from spikelane_sim.course import load_course, scenario_course
@@ -248,9 +249,14 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
     """
     notes = list(drive.notes)
     if sensor.faulty:
-        notes.append(f'{sensor.faulty} event packets cannot be decoded; taken as empty')
+        notes.append(
+            f'{sensor.faulty} event packets cannot be decoded; taken as empty: '
+            f'{sensor.first_fault}'
+        )
     if sensor.restarts:
         notes.append(f"the camera's time jumped {sensor.restarts} times; steps begin anew there")
+    if failure := unmeasured(answers, sensor):
+        notes.append(failure)
     counts = {name: getattr(sensor, name) for name in ('on', 'off', 'sum_x', 'sum_y', 'kept')}
     return {
         **drive_metrics(answers),
@@ -264,6 +270,22 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         'events': counts,
         'notes': notes,
     }
+
+
+def unmeasured(answers: Sequence[Answer], sensor: Sensor) -> str:
+    """Return why nothing could be measured of a replay, '' where something could."""
+    if sensor.faulty and sensor.faulty == sensor.packets:
+        return (
+            f'nothing was measured: none of the {sensor.packets} event packets can be decoded: '
+            f'{sensor.first_fault}'
+        )
+    if not answers:
+        ms = STEP_NS // 10**6
+        return (
+            f'nothing was measured: the {sensor.packets} event packets make no complete step of '
+            f'{ms} ms'
+        )
+    return ''
 
 
 def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[Host, Sensor]:

@@ -13,7 +13,8 @@ import itertools
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from spikelane.bag.source import BagSource, SourceMessage
+from spikelane.bag.foreign import legacy_hint
+from spikelane.bag.source import BagSource, Faults, SourceMessage
 from spikelane_sim.codecs import DECODABLE
 from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.errors import BagError
@@ -26,9 +27,11 @@ from spikelane_sim.messages import (
 from spikelane_sim.sensor import ReceivedPacket
 
 EVENT_PACKET = 'event_camera_msgs/msg/EventPacket'
+OLD_EVENT_PACKET = 'event_array_msgs/msg/EventArray'  # its name until 2023, with the same fields
 LANE_STATE = 'spikelane_msgs/msg/LaneState'
 WHEEL_VELOCITIES = 'spikelane_msgs/msg/WheelVelocities'
-TYPES = (EVENT_PACKET, LANE_STATE, WHEEL_VELOCITIES)
+EVENT_TYPES = (EVENT_PACKET, OLD_EVENT_PACKET)
+TYPES = (*EVENT_TYPES, LANE_STATE, WHEEL_VELOCITIES)
 
 EVENTS_TOPIC = 'event_camera/events'
 LANE_TOPIC = 'lane/state'
@@ -36,6 +39,9 @@ WHEELS_TOPIC = 'wheel_velocities'
 
 #: Packets overtake each other by less; a number further back is of a driver started again.
 _OVERTAKEN = 100
+#: Drivers are not started again more often in one recording.
+_RESTARTS = 10
+_NAMED = 12  # topics in a message at most
 
 T = TypeVar('T')
 
@@ -108,7 +114,8 @@ class RecordedDrive:
                 an encoding that cannot be decoded.
         """
         self.source = BagSource(path)
-        self.notes: list[str] = []
+        self.notes: list[str] = list(self.source.notes)
+        self._damage: list[str] = []
         marks: dict[str, list[_Mark]] = {}
         encodings: dict[str, str] = {}
         lanes: dict[str, dict[int, list[_Logged[LaneState]]]] = {}
@@ -140,6 +147,7 @@ class RecordedDrive:
         self.has_lane, self.has_wheels = bool(self._lanes), bool(self._wheels)
         self._note_what_is_missing(prefix)
         found = marks[self.events_topic]
+        self._refuse_several_publishers(found)
         self._order = _in_order(found)
         self.count = len(self._order)
         positions = [mark.position for mark in self._order]
@@ -169,19 +177,17 @@ class RecordedDrive:
 
     def _read(self, wanted: set[int] | None = None) -> Iterator[_Read]:
         """Yield positions, messages and what they say; of all messages, or of those wanted."""
-        bad: dict[str, int] = {}
+        faults = Faults()
         for position, message in enumerate(self.source.messages(TYPES)):
             if wanted is not None and position not in wanted:
                 continue
             try:
                 yield _Read(position, message, self._record(message))
-            except BagError:
-                bad[message.topic] = bad.get(message.topic, 0) + 1
+            except BagError as error:
+                faults.add(message.topic, str(error).removeprefix(f'{self.source.path}: '))
         if wanted is None:
-            self.notes += self.source.damage
-            self.notes += [
-                f'{topic}: {count} messages cannot be read' for topic, count in bad.items()
-            ]
+            self._damage = [*self.source.damage, *faults.notes('messages cannot be read')]
+            self.notes += self._damage
 
     def _record(self, message: SourceMessage) -> _Record:
         fields = self.source.read(message)
@@ -202,12 +208,41 @@ class RecordedDrive:
         if asked is None and len(marks) == 1:
             return next(iter(marks))
         expected = asked or f'one topic of {EVENT_PACKET}'
-        found = ', '.join(sorted(marks))
-        if not found:
-            topics = ', '.join(sorted(self.source.topics)) or 'no topics at all'
-            damage = '; '.join(self.source.damage)
-            found = f'none, only {topics}' + (f' ({damage})' if damage else '')
+        found = ', '.join(sorted(marks)) or self._other_topics()
         raise BagError(f'{self.source.path}: expected {expected} with messages, got {found}')
+
+    def _other_topics(self) -> str:
+        """Return what there is instead of event packets, and what could not be read."""
+        types = self.source.topics
+        empty = [topic for topic in sorted(types) if types[topic] in EVENT_TYPES]
+        named = [f'{topic} ({types[topic] or "of no type"})' for topic in sorted(types)]
+        if len(named) > _NAMED:
+            named[_NAMED:] = [f'{len(named) - _NAMED} more']
+        found = f'none, only {", ".join(named)}' if named else 'none, and no other topics'
+        if empty:
+            found = f'{", ".join(empty)} without a message that can be read'
+        damage = '; '.join(self._damage)
+        return found + legacy_hint(frozenset(types.values())) + (f' ({damage})' if damage else '')
+
+    def _refuse_several_publishers(self, marks: Sequence[_Mark]) -> None:
+        """Raise where several publishers' packets take turns, each with numbers of its own.
+
+        Raises:
+            BagError: They do.
+        """
+        once = list({(mark.sequence, mark.stamp_ns): mark for mark in marks}.values())
+        if len({mark.sequence for mark in once}) == 1:
+            return  # a publisher that does not count
+        back = sum(
+            after.sequence <= before.sequence and after.log_ns > before.log_ns
+            for before, after in itertools.pairwise(once)
+        )
+        if back > max(_RESTARTS, len(once) // 50):
+            raise BagError(
+                f'{self.source.path}: {self.events_topic}: expected the packets of one publisher, '
+                f'got those of several in turns: their numbers go back {back} times in '
+                f'{len(once)} packets'
+            )
 
     def _note_what_is_missing(self, prefix: str) -> None:
         if not self.has_lane:
@@ -281,6 +316,7 @@ def _nearest(
 
 _CONVERSIONS: Mapping[str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities]] = {
     EVENT_PACKET: received_packet,
+    OLD_EVENT_PACKET: received_packet,
     LANE_STATE: lane_state_from_message,
     WHEEL_VELOCITIES: wheels_from_message,
 }

@@ -18,6 +18,12 @@ from spikelane_sim.errors import BagError
 FILE_NAME = 'metadata.yaml'
 # What rosbag2 writes as the starting time of a bag without a message.
 NO_TIME_NS = 2**63 - 1
+#: The newest version of metadata.yaml that is known.
+NEWEST_VERSION = 9
+
+_TOP_KEY = 'rosbag2_bagfile_information'
+_TEXT_LIMIT = 1 << 25
+_DEPTH_LIMIT = 20
 
 _PLAIN = re.compile(r'[A-Za-z_/][A-Za-z0-9_/.\-]*')
 _RESERVED = {'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'}
@@ -115,11 +121,13 @@ class BagMetadata(NamedTuple):
 class StoredMetadata(NamedTuple):
     """What a reader needs from a metadata.yaml of any version."""
 
-    storage: str
+    storage: str  # '' where it does not say
     file_names: tuple[str, ...]
     message_count: int
     custom_data: dict[str, str]
     compression_mode: str = ''  # file or message, of rosbag2 itself; '' where MCAP compresses
+    version: int = 0  # 0 where it does not say
+    ros_distro: str = ''
 
 
 def qos_text(profiles: Sequence[QosProfile]) -> str:
@@ -134,15 +142,16 @@ def read_metadata(path: Path) -> StoredMetadata:
         BagError: The file cannot be read or is no bag's metadata.
     """
     try:
-        text = path.read_text()
+        with path.open('rb') as file:
+            text = file.read(_TEXT_LIMIT + 1).decode()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'it is no text'
         raise BagError(f'{path}: cannot be read: {reason}') from None
-    lines = text.splitlines()
-    if not lines or lines[0].rstrip() != 'rosbag2_bagfile_information:':
-        got = lines[0] if lines else 'nothing'
-        raise BagError(f'{path}: expected rosbag2_bagfile_information: at its top, got {got!r}')
-    return parse_metadata('\n'.join(lines[1:]), str(path))
+    content = _load(text, str(path))
+    if not isinstance(content, dict) or _TOP_KEY not in content:
+        got = text.lstrip().partition('\n')[0][:80] or 'nothing'
+        raise BagError(f'{path}: expected {_TOP_KEY}: at its top, got {got!r}')
+    return _stored(content[_TOP_KEY], str(path))
 
 
 def parse_metadata(text: str, where: str) -> StoredMetadata:
@@ -155,18 +164,58 @@ def parse_metadata(text: str, where: str) -> StoredMetadata:
     Raises:
         BagError: It is no bag's metadata.
     """
+    return _stored(_load(text, where), where)
+
+
+def _stored(information: Any, where: str) -> StoredMetadata:
     try:
-        information = yaml.safe_load(text)
+        names = information['relative_file_paths'] or []
+        if not isinstance(names, list):
+            raise TypeError(f'relative_file_paths: {names!r:.80}')
         return StoredMetadata(
-            storage=str(information['storage_identifier']),
-            file_names=tuple(str(name) for name in information['relative_file_paths']),
+            storage=str(information['storage_identifier'] or ''),
+            file_names=tuple(str(name) for name in names),
             message_count=int(information.get('message_count', 0)),
             custom_data=_texts(information.get('custom_data') or {}),
             compression_mode=_mode(information.get('compression_mode')),
+            version=int(information.get('version') or 0),
+            ros_distro=str(information.get('ros_distro') or ''),
         )
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise BagError(f'{where}: expected the metadata of a rosbag2 bag, got: {reason}') from None
+    except KeyError as error:
+        raise _no_metadata(where, f'none of {error}') from None
+    except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise _no_metadata(where, str(error)) from None
+
+
+def _load(text: str, where: str) -> Any:
+    """Return what plain YAML says: no tags, no aliases, nothing deeply nested."""
+    if len(text) > _TEXT_LIMIT:
+        raise _no_metadata(where, f'more than {_TEXT_LIMIT} bytes')
+    loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=loader):
+            if isinstance(event, yaml.AliasEvent):
+                raise _no_metadata(where, f'an alias, *{event.anchor}')
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
+            if depth > _DEPTH_LIMIT:
+                raise _no_metadata(where, f'YAML nested more than {_DEPTH_LIMIT} deep')
+        return yaml.load(text, Loader=loader)
+    except yaml.YAMLError as error:
+        raise _no_metadata(where, str(error)) from None
+    # What its constructors raise for texts like `!!timestamp foo`.
+    except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError) as error:
+        if isinstance(error, BagError):
+            raise
+        raise _no_metadata(where, f'a value that cannot be read: {error}') from None
+
+
+def _no_metadata(where: str, got: str) -> BagError:
+    got = ' '.join(got.split())
+    return BagError(f'{where}: expected the metadata of a rosbag2 bag, got: {got}')
 
 
 def _mode(mode: object) -> str:

@@ -1,9 +1,9 @@
 """The messages of any bag that rosbag2 or Spikelane wrote, read into fields without ROS.
 
-MCAP is read by `BagReader`, which finds what is there of cut and damaged files; SQLite, and what
-rosbag2 itself compressed, by rosbags. Types that we know are read by our own definitions unless
-the bag's are others: `ros2 bag record` may write definitions in IDL that rosbags cannot parse, and
-old SQLite bags have none.
+MCAP is read by `BagReader`, which finds what is there of cut and damaged files, SQLite by rosbags.
+What rosbag2 itself compressed, whole files or messages, is decompressed within limits. Types that
+we know are read by our own definitions unless the bag's are others: `ros2 bag record` may write
+definitions in IDL that rosbags cannot parse, and old SQLite bags have none.
 """
 
 from __future__ import annotations
@@ -13,17 +13,23 @@ import contextlib
 import functools
 from pathlib import Path
 from typing import Any, NamedTuple
+import urllib.parse
 
-from spikelane.bag.metadata import FILE_NAME, read_metadata, StoredMetadata
+import zstandard
+
+from spikelane.bag.decompression import Budget, PIECE_LIMIT, ZSTD_MAGIC
 from spikelane.bag.reader import BagReader
+from spikelane.bag.storage import locate
 from spikelane_sim.errors import BagError
 
+_EVENT_PACKET = (
+    'std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n'
+    'string encoding\nbool is_bigendian\nuint8[] events\n'
+)
 #: Fields of the types that we read, as in their .msg files.
 DEFINITIONS = {
-    'event_camera_msgs/msg/EventPacket': (
-        'std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n'
-        'string encoding\nbool is_bigendian\nuint8[] events\n'
-    ),
+    'event_camera_msgs/msg/EventPacket': _EVENT_PACKET,
+    'event_array_msgs/msg/EventArray': _EVENT_PACKET,  # its name until 2023
     'spikelane_msgs/msg/LaneState': (
         'std_msgs/Header header\nstring lane\nfloat64 distance\nfloat64 heading_error\n'
         'float64 position\nstring section\nfloat64 progress\nuint32 laps\nuint32 episode\n'
@@ -33,6 +39,8 @@ DEFINITIONS = {
         'std_msgs/Header header\nfloat64 left\nfloat64 right\n'
     ),
 }
+
+_TEXT_LIMIT = 1 << 20  # of a definition
 
 
 class SourceMessage(NamedTuple):
@@ -44,11 +52,31 @@ class SourceMessage(NamedTuple):
     data: bytes
 
 
+class Faults:
+    """Counts what is wrong with the messages of each topic, and keeps the first reason."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[int, str]] = {}
+
+    def add(self, topic: str, reason: str) -> None:
+        """Count one."""
+        count, first = self._found.get(topic, (0, reason))
+        self._found[topic] = count + 1, first
+
+    def notes(self, what: str) -> list[str]:
+        """Return a sentence for each topic."""
+        return [
+            f'{topic}: {count} {what}: {" ".join(reason.split())}'
+            for topic, (count, reason) in self._found.items()
+        ]
+
+
 class BagSource:
     """Reads a bag's folder, or one of its .mcap or .db3 files.
 
     Attributes:
         path: What was opened.
+        notes: What is odd about the bag's files, one sentence each.
         damage: What could not be read, one sentence each; complete after `messages` has ended.
         topics: Type names by topic; complete after `messages` has ended.
     """
@@ -63,36 +91,46 @@ class BagSource:
         self.damage: list[str] = []
         self.topics: dict[str, str] = {}
         self._texts: dict[str, str] = {}  # definitions in the bag, by type
-        self._reader: BagReader | None = None
-        self._databases: list[Path] = []
-        metadata = _metadata(self.path)
-        self._custom_data = metadata.custom_data if metadata else {}
-        if _is_for_rosbags(self.path, metadata):
-            self._databases = [self.path]
-        elif self.path.is_dir() and not metadata and not any(self.path.glob('*.mcap')):
-            # A recorder that was killed leaves no metadata.
-            self._databases = sorted(self.path.glob('*.db3'))
-        if not self._databases:
-            self._reader = BagReader(self.path)
+        self._located = located = locate(self.path)
+        self.notes = list(located.notes)
+        self._reader = BagReader(self.path, located) if located.storage == 'mcap' else None
 
     @property
     def custom_data(self) -> dict[str, str]:
         """The facts about the run that the recorder was given; complete after `messages`."""
-        return self._reader.custom_data if self._reader else dict(self._custom_data)
+        if self._reader is not None:
+            return self._reader.custom_data
+        metadata = self._located.metadata
+        return dict(metadata.custom_data) if metadata else {}
 
     def messages(self, types: Collection[str]) -> Iterator[SourceMessage]:
         """Yield the messages of these types that can be read, in the order they were recorded."""
         self.damage = []
+        faults = Faults()
+        budget = Budget(sum(file.path.stat().st_size for file in self._located.files))
+        for message in self._stored_messages(types):
+            if not message.data.startswith(ZSTD_MAGIC):  # as CDR never does
+                yield message
+                continue
+            try:
+                yield message._replace(data=budget.decompress(message.data, 'zstd'))
+            except (zstandard.ZstdError, ValueError, MemoryError) as error:
+                faults.add(message.topic, str(error))
+        self.damage += faults.notes('messages cannot be decompressed')
+
+    def _stored_messages(self, types: Collection[str]) -> Iterator[SourceMessage]:
         if self._reader is not None:
             yield from self._mcap_messages(self._reader, types)
             return
-        for database in self._databases:
+        for file in self._located.files:
             try:
-                yield from self._database_messages(database, types)
+                with file.opened() as (content, damage):
+                    self.damage += damage
+                    yield from self._database_messages(content, types)
             # What rosbags raises for a damaged file is not ours to list.
             except Exception as error:
                 reason = ' '.join(str(error).split()) or type(error).__name__
-                self.damage.append(f'{database.name}: cannot be read any further: {reason}')
+                self.damage.append(f'{file.path.name}: cannot be read any further: {reason}')
 
     def read(self, message: SourceMessage) -> Any:
         """Return the fields of a message.
@@ -118,7 +156,7 @@ class BagSource:
                     message.topic, message.type_name, message.log_time_ns, message.data
                 )
         self._declare(reader)
-        self.damage = list(reader.damage)
+        self.damage += reader.damage
 
     def _declare(self, reader: BagReader) -> None:
         for topic in reader.topics.values():
@@ -129,30 +167,28 @@ class BagSource:
     def _database_messages(
         self, database: Path, types: Collection[str]
     ) -> Iterator[SourceMessage]:
+        import apsw
         from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.rosbag2 import Reader
+        from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-        with Reader(database) as reader:
+        size = database.stat().st_size
+        # It is put into a URI as it is.
+        reader = Sqlite3Reader(Path(urllib.parse.quote(str(database.absolute()))))
+        reader.open()
+        with contextlib.closing(reader):
+            if reader.dbconn is not None:  # no blob is larger than the file that it is in
+                reader.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, min(size, PIECE_LIMIT))
             for connection in reader.connections:
                 self.topics[connection.topic] = connection.msgtype
                 if connection.msgdef.format == MessageDefinitionFormat.MSG:
                     self._texts[connection.msgtype] = connection.msgdef.data
             wanted = [each for each in reader.connections if each.msgtype in types]
-            if not wanted:  # for rosbags, no choice is all
-                return
-            for connection, log_ns, data in reader.messages(connections=wanted):
+            left = size
+            for connection, log_ns, data in reader.messages(wanted):
+                left -= len(data) + 1
+                if left < 0:
+                    raise ValueError(f'it has more messages than {size} bytes can hold')
                 yield SourceMessage(connection.topic, connection.msgtype, log_ns, bytes(data))
-
-
-def _metadata(path: Path) -> StoredMetadata | None:
-    file = path / FILE_NAME
-    return read_metadata(file) if path.is_dir() and file.exists() else None
-
-
-def _is_for_rosbags(path: Path, metadata: StoredMetadata | None) -> bool:
-    if metadata is None:
-        return path.is_file() and path.suffix == '.db3'
-    return metadata.storage == 'sqlite3' or bool(metadata.compression_mode)
 
 
 @functools.cache
@@ -162,7 +198,7 @@ def _typestore(type_name: str, text: str) -> Any:
 
     store = get_typestore(Stores.ROS2_JAZZY)
     ours = get_types_from_msg(DEFINITIONS[type_name], type_name)
-    if text:
+    if 0 < len(text) <= _TEXT_LIMIT:
         # A text that cannot be parsed is as good as none.
         with contextlib.suppress(Exception):
             theirs = get_types_from_msg(text, type_name)

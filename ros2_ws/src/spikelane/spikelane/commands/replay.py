@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+import sys
 from typing import Any
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.commands.arguments import given_weights, parse_parameters, progress
-from spikelane.replay import make_config, replay, report_replay
+from spikelane.replay import make_config, replay, report_replay, unmeasured
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
@@ -77,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     """Replay.
 
     Returns:
-        0, whether the answers agree or not.
+        0, whether the answers agree or not; 1 where nothing could be measured.
 
     Raises:
         SpikelaneError: An option is wrong, or the bag cannot be read.
@@ -106,7 +107,9 @@ def run(options: argparse.Namespace) -> int:
         replayed = replay(config, drive, show)
     result = report_replay(config, drive, replayed, folder)
     print(json.dumps(result) if options.json else _summary(result))
-    return 0
+    if failure := unmeasured(replayed.answers, replayed.sensor):
+        print(f'spikelane replay: {options.bag}: {failure}', file=sys.stderr)
+    return 1 if failure else 0
 
 
 def _seed(said: dict[str, str]) -> int:

@@ -22,7 +22,7 @@ from spikelane_msgs.msg import LaneState, WheelVelocities
 
 from spikelane.bag.drive import DrivePacket, RecordedDrive
 from spikelane.comparison import Answer
-from spikelane.replay import summarise
+from spikelane.replay import summarise, unmeasured
 from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
@@ -193,6 +193,9 @@ class ReplayNode(Node):
         print(json.dumps(result), flush=True)
         if self._settings.output:
             write_json(Path(self._settings.output), result)
+        if failure := unmeasured(self._answers, self._sensor):
+            self.get_logger().error(f'{self._settings.bag}: {failure}')
+            self.exit_status = 1
         self.context.try_shutdown()
 
     def _warn_if_waiting(self) -> None:
