@@ -2,6 +2,9 @@
 
 The left half of the image excites the left motor neuron, the right half the right one, the more
 the closer a marking is to the bottom's centre, so the robot turns away from markings.
+
+By default only the lowest row of cells excites the neurons, as in the authors' program: with it
+the laps are like the paper's (see the deviations in the docs).
 """
 
 from __future__ import annotations
@@ -49,6 +52,15 @@ class BraitenbergPoisson(PoissonParameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class BraitenbergDelays(DelayParameters):
+    """Delays of the Braitenberg network, whose inputs reach the neurons without a relay."""
+
+    to_relay_ms: float = parameter(
+        0.0, 'From an input to its relay; 0 where there is no relay.', unit='ms', low=0.0
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class BraitenbergSteering(SteeringParameters):
     """Steering of the Braitenberg controller: full activity is what the neurons can do."""
 
@@ -67,10 +79,13 @@ class BraitenbergParameters(Parameters):
         unit='pA',
         source=_FIGURE,
     )
+    lowest_rows: int = parameter(
+        1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1
+    )
     encoding: EncodingParameters = nested(EncodingParameters)
     poisson: BraitenbergPoisson = nested(BraitenbergPoisson)
     neuron: NeuronParameters = nested(NeuronParameters)
-    delays: DelayParameters = nested(DelayParameters)
+    delays: BraitenbergDelays = nested(BraitenbergDelays)
     steering: BraitenbergSteering = nested(BraitenbergSteering)
 
     def _check_relations(self) -> None:
@@ -83,10 +98,17 @@ class BraitenbergParameters(Parameters):
             raise ParameterError(
                 f'weights_pa: expected {rows} x {columns // 2} weights, got {len(self.weights_pa)}'
             )
+        if self.lowest_rows > rows:
+            raise ParameterError(
+                f'lowest_rows: expected at most the {rows} rows of cells, got {self.lowest_rows}'
+            )
 
 
 def braitenberg_weights(parameters: BraitenbergParameters) -> NDArray[np.float64]:
-    """Return the weights [pA] to the left and the right neuron, (2, rows * columns)."""
+    """Return the weights [pA] to the left and the right neuron, (2, rows * columns).
+
+    They include those of rows above the lowest ones, which have no effect.
+    """
     rows, columns = parameters.encoding.rows, parameters.encoding.columns
     half = np.reshape(parameters.weights_pa, (rows, columns // 2))
     none = np.zeros_like(half)
@@ -125,6 +147,7 @@ class Braitenberg:
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation: its events drive the network for one step."""
         counts = count_events(observation.events, self.parameters.encoding)
+        counts[: -self.parameters.lowest_rows] = 0
         inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
         self._network, fired = run_network(
             self._network, inputs, self.weights_pa, self._constants, self._delay

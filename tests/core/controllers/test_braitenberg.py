@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
+from spikelane.lap import drive_lap, make_config
+from spikelane.metrics import lap_metrics
 from spikelane_controllers.braitenberg import (
     Braitenberg,
     braitenberg_weights,
     BraitenbergParameters,
 )
-from spikelane_sim.contract import Observation, STEP_NS, WheelVelocities
+from spikelane_sim.contract import Observation, STEP_NS, STEP_S, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import make_events, no_events
 
@@ -21,9 +23,16 @@ CONFIG = Path(__file__).parents[3] / 'controllers' / 'config' / 'braitenberg.yam
 
 
 def observation(columns: tuple[int, int], number: int = 200, seed: int = 0) -> Observation:
-    """Make random events between two columns, in the rows that are not cropped."""
+    """Make random events between two columns, in the lowest row of cells."""
+    return in_rows((88, 104), columns, number, seed)
+
+
+def in_rows(
+    rows: tuple[int, int], columns: tuple[int, int] = (0, 128), number: int = 200, seed: int = 0
+) -> Observation:
+    """Make random events between two rows of pixels and two columns."""
     rng = np.random.default_rng(seed)
-    x_px, y_px = rng.integers(*columns, number), np.sort(rng.integers(40, 104, number))
+    x_px, y_px = rng.integers(*columns, number), np.sort(rng.integers(*rows, number))
     return Observation(STEP_NS, make_events(STEP_NS, x_px, y_px, 1), None)
 
 
@@ -60,6 +69,56 @@ def test_events_on_the_left_drive_the_left_neuron_and_turn_right() -> None:
     assert controller.spikes[0] == 0
     assert controller.spikes[1] > 10
     assert wheels.left < wheels.right
+
+
+def test_only_the_lowest_row_of_cells_excites_the_neurons() -> None:
+    """Pixel rows 88 to 103 from the top, which are 24 to 39 from the bottom."""
+    controller = Braitenberg()
+    controller.step(in_rows((0, 88)))
+    assert (controller.spikes, controller.operations.synaptic) == ((0, 0), 0)
+    controller.step(in_rows((104, 128)))
+    assert controller.spikes == (0, 0)
+    controller.step(in_rows((88, 89)))
+    assert min(controller.spikes) > 10
+    controller.reset(np.random.default_rng(0))
+    controller.step(in_rows((103, 104)))
+    assert min(controller.spikes) > 10
+
+
+def test_more_rows_can_excite_them() -> None:
+    """Two rows begin at pixel row 72, all four at 40."""
+    for rows, above, first in ((2, (40, 72), (72, 88)), (4, (0, 40), (40, 56))):
+        controller = Braitenberg(BraitenbergParameters(lowest_rows=rows))
+        controller.step(in_rows(above))
+        assert controller.operations.synaptic == 0
+        controller.step(in_rows(first))
+        assert controller.operations.synaptic > 0
+    with pytest.raises(ParameterError, match=r'lowest_rows: expected at most the 4 rows .* got 5'):
+        BraitenbergParameters(lowest_rows=5)
+
+
+@pytest.mark.parametrize(('lane', 'error_m'), [('outer', 0.048), ('inner', 0.031)])
+def test_it_laps_both_lanes_on_the_right_of_their_centre(lane: str, error_m: float) -> None:
+    """Three laps of scenario 1 each; the errors are those that the README tells of."""
+    config = [
+        make_config(
+            '1', 'braitenberg', lane, seed, 'inprocess', {'simulator.robot.model': 'kinematic'}
+        )
+        for seed in range(3)
+    ]
+    laps = [lap_metrics(drive_lap(each, lambda *_: None).trajectory, STEP_S) for each in config]
+    assert all(lap['completed'] for lap in laps)
+    assert np.mean([lap['mean_abs_distance_m'] for lap in laps]) == pytest.approx(
+        error_m, abs=0.006
+    )
+    assert all(lap['mean_distance_m'] > 0.01 for lap in laps)
+
+
+def test_a_spike_takes_one_millisecond_to_the_neuron() -> None:
+    """There is no relay on its way; with one it takes longer."""
+    assert BraitenbergParameters().delays.steps == 10
+    relayed = BraitenbergParameters.from_mapping({'delays.to_relay_ms': 1.0})
+    assert relayed.delays.steps == 20
 
 
 def test_without_events_it_drives_straight_at_the_smallest_speed() -> None:
@@ -120,6 +179,7 @@ def test_the_papers_values_are_the_defaults() -> None:
     assert values['poisson.max_rate_hz'] == 500.0
     assert values['poisson.max_events'] == 10
     assert values['steering.n_max'] == 25
+    assert values['lowest_rows'] == 1
     assert sum(values['weights_pa']) == 11_500
 
 

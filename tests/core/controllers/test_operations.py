@@ -41,19 +41,20 @@ def test_without_spikes_a_spiking_network_has_nothing_to_do(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('name', 'rate_hz', 'synapses'), [('braitenberg', 500, 1), ('rstdp', 300, 2)]
+    ('name', 'inputs', 'rate_hz', 'synapses'),
+    [('braitenberg', 8, 500, 1), ('rstdp', 32, 300, 2)],
 )
 def test_each_input_spike_counts_at_the_synapses_it_has(
-    name: str, rate_hz: int, synapses: int
+    name: str, inputs: int, rate_hz: int, synapses: int
 ) -> None:
-    """32 inputs for 50 ms: each has one neuron or both; the numbers drawn are Poisson's."""
+    """Each input has one neuron or both, and fires for 50 ms; the numbers drawn are Poisson's."""
     controller: Any = make_controller(name, {})
     controller.reset(np.random.default_rng(3))
     counts = []
     for _ in range(100):
         controller.step(busy())
         counts.append(controller.operations.synaptic)
-    spikes = 32 * rate_hz * 0.05
+    spikes = inputs * rate_hz * 0.05
     assert all(count % synapses == 0 for count in counts)
     assert np.mean(counts) == pytest.approx(synapses * spikes, abs=4 * synapses * spikes**0.5 / 10)
 
