@@ -23,6 +23,10 @@ between t and the interval's end once more, which add to the eligibility a secon
 paper's results come from this model, so it is the default; with an interval of one grid step the
 equations above are solved as they stand.
 
+The interval is NEST's own where it is the shortest delay of the network. The weights are NEST's
+only where a neuron fires at most once in an interval: its refractory period and a grid step last
+at least as long. With 0.6 ms and an interval of 1 ms, weights differ by up to 23 pA after 5 s.
+
 Dopamine is set between windows, when all synapses have been brought to the boundary. So it acts
 from there on; the relays' spikes of the last interval before, handed over after it, see dopamine
 as if it had been the new one's decay all along.

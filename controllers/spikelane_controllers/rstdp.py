@@ -36,6 +36,7 @@ from spikelane_controllers.plasticity import (
 from spikelane_controllers.poisson import firing_rates, poisson_spikes, PoissonParameters
 from spikelane_controllers.spiking import (
     DelayParameters,
+    GRID_MS,
     neuron_constants,
     NeuronParameters,
     spike_counts,
@@ -96,6 +97,7 @@ class RStdpParameters(Parameters):
 
     def _check_relations(self) -> None:
         synapse_rule(self.synapse, self.delays)
+        self._check_bookkeeping()
         if self.initial_weights.low_pa < self.synapse.w_min_pa:
             raise ParameterError(
                 f'initial_weights.low_pa: expected at least synapse.w_min_pa = '
@@ -105,6 +107,16 @@ class RStdpParameters(Parameters):
             raise ParameterError(
                 f'initial_weights.high_pa: expected at most synapse.w_max_pa = '
                 f'{self.synapse.w_max_pa:g} pA, got {self.initial_weights.high_pa:g}'
+            )
+
+    def _check_bookkeeping(self) -> None:
+        """Refuse neurons that can fire twice in an interval: NEST then learns other weights."""
+        shortest_ms = self.neuron.t_ref_ms + GRID_MS
+        if self.synapse.interval_ms > shortest_ms + 1e-9:
+            raise ParameterError(
+                f'synapse.interval_ms: expected at most {shortest_ms:g} ms, the shortest time '
+                f'between two spikes of a neuron (neuron.t_ref_ms + {GRID_MS:g} ms), '
+                f'got {self.synapse.interval_ms:g}'
             )
 
 

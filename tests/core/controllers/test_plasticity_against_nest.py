@@ -68,9 +68,15 @@ def random_task(seed: int, heaviest_pa: float = 1500.0, reward: float = 0.002) -
     )
 
 
-def run_ours(given: Given, synapse: SynapseParameters, delays: DelayParameters) -> Result:
+def run_ours(
+    given: Given,
+    synapse: SynapseParameters,
+    delays: DelayParameters,
+    neuron: NeuronParameters | None = None,
+) -> Result:
     """Run every network, window by window."""
-    constants, rule = neuron_constants(NeuronParameters()), synapse_rule(synapse, delays)
+    constants = neuron_constants(neuron or NeuronParameters())
+    rule = synapse_rule(synapse, delays)
     shape = (WINDOWS, NETWORKS, NEURONS, INPUTS)
     result = Result([[] for _ in range(NETWORKS)], np.empty(shape), np.empty(shape))
     for network in range(NETWORKS):
@@ -89,9 +95,14 @@ def run_ours(given: Given, synapse: SynapseParameters, delays: DelayParameters) 
 
 
 def run_nest(
-    folder: Path, given: Given, synapse: SynapseParameters, delays: DelayParameters
+    folder: Path,
+    given: Given,
+    synapse: SynapseParameters,
+    delays: DelayParameters,
+    neuron: NeuronParameters | None = None,
 ) -> Result:
     """Run the same in NEST."""
+    neuron = neuron or NeuronParameters()
     np.savez(
         folder / 'given.npz',
         **given._asdict(),
@@ -99,6 +110,8 @@ def run_nest(
         delay_to_relay=delays.to_relay_ms,
         delay_to_neuron=delays.to_neuron_ms,
         neuron_tau_minus=synapse.tau_minus_ms,
+        neuron_t_ref=neuron.t_ref_ms,
+        neuron_C_m=neuron.c_m_pf,
         synapse_A_plus=synapse.a_plus,
         synapse_A_minus=synapse.a_minus,
         synapse_tau_plus=synapse.tau_plus_ms,
@@ -157,6 +170,23 @@ def test_spikes_and_weights_are_those_of_nest(
     assert sum(map(len, ours.fired)) > 50_000
     moved = np.abs(ours.weights_pa[-1] - given.weights_pa).max(axis=(1, 2))
     assert np.median(moved) > 30.0
+
+
+@pytest.mark.slow
+def test_neurons_may_fire_once_in_an_interval(tmp_path: Path) -> None:
+    """Every 1.0 ms, which is the interval: still NEST's weights; oftener is refused by R-STDP."""
+    given, synapse, delays = random_task(4, 3000.0), SynapseParameters(), DelayParameters()
+    neuron = NeuronParameters(t_ref_ms=0.9, c_m_pf=25.0)
+    ours = run_ours(given, synapse, delays, neuron)
+    nest = run_nest(tmp_path, given, synapse, delays, neuron)
+    trains = [
+        np.sort([step for step, index in fired if index == neuron_index])
+        for fired in ours.fired
+        for neuron_index in range(NEURONS)
+    ]
+    assert min(np.diff(train).min() for train in trains) == 10  # grid steps
+    assert [sorted(fired) for fired in ours.fired] == [sorted(fired) for fired in nest.fired]
+    np.testing.assert_allclose(ours.weights_pa, nest.weights_pa, rtol=0, atol=1e-8)
 
 
 @pytest.mark.slow

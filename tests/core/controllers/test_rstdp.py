@@ -223,6 +223,11 @@ def test_the_papers_values_are_the_defaults() -> None:
         ({'initial_weights.low_pa': 202.0}, 'high_pa: expected at least low_pa = 202 pA, got 201'),
         ({'synapse.w_max_pa': 200.5}, 'initial_weights.high_pa: expected at most synapse.w_max'),
         ({'synapse.w_min_pa': 200.5}, 'initial_weights.low_pa: expected at least synapse.w_min'),
+        (
+            {'neuron.t_ref_ms': 0.8},
+            r'synapse.interval_ms: expected at most 0.9 ms, the shortest time between two spikes '
+            r'of a neuron \(neuron.t_ref_ms \+ 0.1 ms\), got 1$',
+        ),
         ({'delays.to_neuron_ms': 0.5}, 'at most the delay to_neuron_ms = 0.5 ms, got 1'),
     ],
 )
@@ -230,6 +235,12 @@ def test_contradictions_are_refused(values: dict[str, float], message: str) -> N
     """One sentence."""
     with pytest.raises(ParameterError, match=message):
         RStdpParameters.from_mapping(values)
+
+
+def test_neurons_may_fire_once_in_an_interval() -> None:
+    """A refractory period of 0.9 ms lets them fire every 1 ms, which is the interval."""
+    RStdpParameters.from_mapping({'neuron.t_ref_ms': 0.9})
+    RStdpParameters.from_mapping({'neuron.t_ref_ms': 0.1, 'synapse.interval_ms': 0.2})
 
 
 def test_without_events_it_drives_straight_at_the_smallest_speed() -> None:
