@@ -15,6 +15,7 @@ import time
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import KeyValue
 from domain_coordinator import domain_id
+from mcap.reader import make_reader
 import pytest
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -23,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String, UInt8MultiArray
 
 from spikelane.bag.reader import BagReader
+from spikelane.bag.repair import repair_bag
 from spikelane.bench.recorder import measure_recorder
 from spikelane_sim.errors import BagError
 
@@ -204,6 +206,33 @@ def test_a_killed_recorder_leaves_what_was_flushed(graph: Graph) -> None:
     assert reader.metadata.message_count >= 20
     assert 'was cut or never closed' in reader.damage[0]
     assert sorted(path.name for path in graph.bag.iterdir()) == ['bag_0.mcap', 'metadata.yaml']
+
+
+@pytest.mark.parametrize('after_s', [0.12, 0.37, 0.71])
+def test_a_bag_is_whole_again_after_a_kill_at_any_moment(graph: Graph, after_s: float) -> None:
+    """While messages come, also amid a flush; every other program reads what was saved."""
+    publisher = graph.publisher(Float64, 'x', QoSProfile(depth=10000))
+    process = graph.record({'chunk_bytes': '4096', 'custom_data': '["seed=7"]'})
+    publish(graph, publisher, range(1))
+    begin, sent = time.monotonic(), 1
+    while time.monotonic() - begin < after_s:
+        publisher.publish(Float64(data=float(sent)))
+        sent += 1
+        time.sleep(0.0005)
+    process.kill()
+    process.communicate()
+    repair = repair_bag(graph.bag)
+    assert repair.written == ('bag_0.mcap', 'metadata.yaml')
+    values = decoded(graph.bag, '/x')
+    assert values == list(range(len(values)))
+    assert 0 < len(values) <= sent
+    with (graph.bag / 'bag_0.mcap').open('rb') as stream:
+        assert len(list(make_reader(stream).iter_messages(['/x']))) == len(values)
+    again = BagReader(graph.bag)
+    assert len(list(again.messages())) == repair.message_count
+    assert (again.damage, again.custom_data['seed']) == ([], '7')
+    assert 'reliability: reliable' in again.topics['/x'].offered_qos_profiles
+    assert again.topics['/x'].type_hash.startswith('RIHS01_')
 
 
 def test_all_topics_are_recorded_except_hidden_and_excluded_ones(graph: Graph) -> None:

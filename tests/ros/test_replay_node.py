@@ -120,7 +120,10 @@ def test_a_real_camera_is_answered_packet_by_packet(
     ('parameters', 'error'),
     [
         ({}, "error: bag: expected the path of a bag, got ''"),
-        ({'bag': '/nowhere'}, 'error: /nowhere: expected an .mcap or .db3 file or a bag folder, found no'),
+        (
+            {'bag': '/nowhere'},
+            'error: /nowhere: expected an .mcap or .db3 file or a bag folder, found no',
+        ),
         ({'bag': '/nowhere', 'rate': 0}, 'error: rate: expected'),
     ],
 )

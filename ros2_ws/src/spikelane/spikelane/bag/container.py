@@ -8,6 +8,8 @@ are not in the hot path are those of `mcap.records`. Layout: https://mcap.dev/sp
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
+import fcntl
 import os
 from pathlib import Path
 import struct
@@ -60,6 +62,9 @@ class McapFile:
             OSError: It exists, or cannot be written.
         """
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        # Until it is closed or the process ends: nobody repairs a file that is being written.
+        with contextlib.suppress(OSError):
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._zstd = zstandard.ZstdCompressor(_ZSTD_LEVEL) if compression == 'zstd' else None
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
@@ -96,7 +101,7 @@ class McapFile:
         schema_text: str,
         metadata: Mapping[str, str],
     ) -> int:
-        """Declare a channel of CDR messages and return its id; a schema of a name is kept once."""
+        """Declare a channel of CDR messages and return its id; the same schema is kept once."""
         schema = self._schema(type_name, schema_encoding, schema_text)
         channel_id = len(self._channels) + 1
         channel = Channel(
@@ -111,7 +116,12 @@ class McapFile:
         return channel_id
 
     def add_message(
-        self, channel_id: int, log_time_ns: int, publish_time_ns: int, data: bytes
+        self,
+        channel_id: int,
+        log_time_ns: int,
+        publish_time_ns: int,
+        data: bytes,
+        sequence: int = 0,
     ) -> None:
         """Add a message to the chunk in memory.
 
@@ -123,7 +133,7 @@ class McapFile:
             Opcode.MESSAGE,
             _MESSAGE_FIELDS_LENGTH + len(data),
             channel_id,
-            0,
+            sequence,
             log_time_ns,
             publish_time_ns,
         )
@@ -194,12 +204,11 @@ class McapFile:
         return 4096 + self._declared_size + 10 * len(self._channels) + chunks
 
     def _schema(self, name: str, encoding: str, text: str) -> Schema:
+        data = text.encode()
         for schema in self._schemas:
-            if schema.name == name:
+            if (schema.name, schema.encoding, schema.data) == (name, encoding, data):
                 return schema
-        schema = Schema(
-            id=len(self._schemas) + 1, name=name, encoding=encoding, data=text.encode()
-        )
+        schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
         self._declare(_bytes_of(schema))
         return schema

@@ -188,6 +188,8 @@ class RecordedDrive:
         if wanted is None:
             self._damage = [*self.source.damage, *faults.notes('messages cannot be read')]
             self.notes += self._damage
+            if self.source.is_cut:
+                self.notes.append('`spikelane repair` makes such a bag whole for other programs')
 
     def _record(self, message: SourceMessage) -> _Record:
         fields = self.source.read(message)

@@ -135,6 +135,34 @@ def qos_text(profiles: Sequence[QosProfile]) -> str:
     return '\n'.join(_qos_list_lines(profiles)) or '[]'
 
 
+def parse_qos(text: str, where: str) -> tuple[QosProfile, ...]:
+    """Read the profiles that an MCAP channel carries, also in the numbers of older versions.
+
+    Raises:
+        BagError: They cannot be read.
+    """
+    from rosbags.rosbag2.metadata import parse_qos as parse_profiles
+
+    content = _load(text, where)
+    try:
+        return tuple(
+            QosProfile(
+                history=each.history.name.lower(),
+                depth=each.depth,
+                reliability=each.reliability.name.lower(),
+                durability=each.durability.name.lower(),
+                deadline=QosDuration(*each.deadline),
+                lifespan=QosDuration(*each.lifespan),
+                liveliness=each.liveliness.name.lower(),
+                liveliness_lease_duration=QosDuration(*each.liveliness_lease_duration),
+                avoid_ros_namespace_conventions=each.avoid_ros_namespace_conventions,
+            )
+            for each in parse_profiles(content or [])
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BagError(f'{where}: expected QoS profiles, got others: {error}') from None
+
+
 def read_metadata(path: Path) -> StoredMetadata:
     """Read a metadata.yaml that rosbag2 (any version since Foxy), rosbags or we wrote.
 

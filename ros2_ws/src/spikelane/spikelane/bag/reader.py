@@ -48,6 +48,7 @@ class BagReader:
             `messages` has begun; None if neither does.
         topics: Topics met so far, by name; complete after `messages` has ended.
         damage: What could not be read, one sentence each; complete after `messages` has ended.
+        is_cut: Whether a file lacks its end, as after a kill; known after `messages` has ended.
     """
 
     def __init__(self, path: Path, located: BagFiles | None = None) -> None:
@@ -68,6 +69,7 @@ class BagReader:
         self.files = [file.path for file in located.files]
         self.topics: dict[str, BagTopic] = {}
         self.damage: list[str] = []
+        self.is_cut = False
 
     @property
     def custom_data(self) -> dict[str, str]:
@@ -112,6 +114,7 @@ class BagReader:
             for channel_id, _, log_time_ns, publish_time_ns, data in scan.messages():
                 yield BagMessage(*names[channel_id], log_time_ns, publish_time_ns, data)
         self.damage += [f'{file.path.name}: {each}' for each in scan.damage]
+        self.is_cut |= not scan.is_complete
 
     def _declare(self, channel: Channel, schema: Schema | None) -> None:
         topic = BagTopic(

@@ -103,6 +103,11 @@ class BagSource:
         metadata = self._located.metadata
         return dict(metadata.custom_data) if metadata else {}
 
+    @property
+    def is_cut(self) -> bool:
+        """Whether an MCAP file lacks its end, as after a kill; known after `messages`."""
+        return self._reader is not None and self._reader.is_cut
+
     def messages(self, types: Collection[str]) -> Iterator[SourceMessage]:
         """Yield the messages of these types that can be read, in the order they were recorded."""
         self.damage = []

@@ -70,11 +70,12 @@ class BagFiles(NamedTuple):
     notes: tuple[str, ...]
 
 
-def locate(path: Path) -> BagFiles:
+def locate(path: Path, *, has_metadata: bool = True) -> BagFiles:
     """Find the files of a bag.
 
     Args:
         path: A bag's folder, or one of its files.
+        has_metadata: Whether a metadata.yaml in the folder is read.
 
     Raises:
         BagError: There is no bag, a file is missing, or there are several recordings.
@@ -87,16 +88,24 @@ def locate(path: Path) -> BagFiles:
         if path.is_file():
             return _located(path, [path], None, [])
         if path.is_dir():
-            return _folder(path)
+            return _folder(path, has_metadata)
     except OSError as error:
         raise BagError(f'{path}: cannot be read: {error.strerror}') from None
     raise BagError(f'{path}: {EXPECTED}, found nothing')
 
 
-def _folder(folder: Path) -> BagFiles:
+def later_files(files: Sequence[Path]) -> list[Path]:
+    """Return files of the same recording with higher numbers, which a killed recorder left."""
+    name, last, ending = _parts(files[-1])
+    found = [file for file in files[-1].parent.iterdir() if _is_named_like_a_bag(file)]
+    numbered = {_parts(file)[1]: file for file in found if _parts(file)[::2] == (name, ending)}
+    return [numbered[number] for number in sorted(numbered) if number > last]
+
+
+def _folder(folder: Path, has_metadata: bool) -> BagFiles:
     metadata = None
     notes: list[str] = []
-    if (folder / FILE_NAME).exists():
+    if has_metadata and (folder / FILE_NAME).exists():
         metadata = read_metadata(folder / FILE_NAME)
         if metadata.version > NEWEST_VERSION:
             notes.append(

@@ -3,6 +3,9 @@
 Messages are not handed over one by one by an executor, which would cost ten times as much as
 recording them: 20 times a second the recorder takes all that has arrived, and the middleware's
 own time of reception becomes the log time. An executor serves only the parameters.
+
+After a kill, all that was flushed is in the bag, but the last file lacks its end, so that rosbags
+and other programs refuse it: `spikelane repair BAG` makes it whole.
 """
 
 from __future__ import annotations
@@ -74,7 +77,11 @@ class RecorderParameters(Parameters):
         0, 'Size at which another file is begun; 0: never.', unit='B', low=0, high=2**62
     )
     flush_period_s: float = parameter(
-        1.0, 'A kill costs at most the messages of this time.', unit='s', low=0.05, high=60.0
+        1.0,
+        'A kill costs at most the messages of this time; `spikelane repair` makes the bag whole.',
+        unit='s',
+        low=0.05,
+        high=60.0,
     )
     depth: int = parameter(
         10000, 'Messages of a topic that may wait to be recorded.', low=1, high=10**6
