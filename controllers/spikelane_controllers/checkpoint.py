@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.files import write_bytes_atomically, write_text_atomically
+from spikelane_sim.parsing import parse_json, ParseError
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -82,11 +83,16 @@ def read_checkpoint(path: Path, controller: str) -> Checkpoint:
         ('controller', controller),
     ):
         if head.get(name) != expected:
-            raise CheckpointError(f'{file}: expected {name} {expected}, got {head.get(name)}')
+            raise CheckpointChoiceError(
+                f'{file}: expected {name} {expected}, got {head.get(name)!s:.80}'
+            )
     for name, array in arrays.items():
         if array.dtype.kind == 'f' and not np.isfinite(array).all():
             raise CheckpointError(f'{file}: {name}: expected finite numbers, got NaN or infinity')
-    return Checkpoint(arrays, head.get('facts', {}))
+    facts = head.get('facts', {})
+    if not isinstance(facts, dict):
+        raise CheckpointError(f'{file}: facts: expected a mapping, got {facts!r:.80}')
+    return Checkpoint(arrays, facts)
 
 
 def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -97,7 +103,9 @@ def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, st
             arrays = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
             return arrays, opened.metadata() or {}
     except FileNotFoundError:
-        raise CheckpointError(f'{file}: expected a checkpoint, got none: no such file') from None
+        raise CheckpointChoiceError(
+            f'{file}: expected a checkpoint, got none: no such file'
+        ) from None
     except (SafetensorError, OSError) as error:
         raise CheckpointError(
             f'{file}: expected a whole safetensors file, got one that cannot be read: {error}'
@@ -106,9 +114,11 @@ def _read_safetensors(file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, st
 
 def _head(file: Path, metadata: Mapping[str, str]) -> dict[str, Any]:
     try:
-        head = json.loads(metadata.get(_HEADER, '{}'))
-    except ValueError:
-        head = None
+        head = parse_json(metadata.get(_HEADER, '{}'))
+    except ParseError as error:
+        raise CheckpointError(f'{file}: header: {error}') from None
     if not isinstance(head, dict) or not head:
-        raise CheckpointError(f'{file}: expected a checkpoint of Spikelane, got another file')
+        raise CheckpointChoiceError(
+            f'{file}: expected a checkpoint of Spikelane, got another file'
+        )
     return head

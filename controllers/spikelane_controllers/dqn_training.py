@@ -14,8 +14,10 @@ from typing import Any, cast, ClassVar, NamedTuple
 
 from spikelane_controllers.checkpoint import Checkpoint
 from spikelane_controllers.dqn import Dqn
+from spikelane_controllers.learning_controller import LearningController
+from spikelane_controllers.state import number, records
 from spikelane_controllers.states import NAME, StateStore
-from spikelane_controllers.training import LearningController, Training, TrainingParameters
+from spikelane_controllers.training import Training, TrainingParameters
 from spikelane_sim.contract import LaneState
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import parameter
@@ -41,6 +43,15 @@ class Outcome(NamedTuple):
     exploration_rate: float  # at its end
     loss: float | None  # mean over its updates, None where there were none
     updates: int  # of the whole training, at its end
+
+
+class _Present(NamedTuple):
+    """What the present episode has brought so far."""
+
+    actions: int
+    reward: float
+    loss: float  # sum over its updates
+    updates_before: int
 
 
 class DqnTraining(Training):
@@ -141,7 +152,8 @@ class DqnTraining(Training):
 
     def _restore_records(self, checkpoint: Checkpoint) -> None:
         facts = checkpoint.facts
-        self._store.resume(facts['steps'])
-        self.outcomes = [Outcome(*each) for each in facts['outcomes']]
+        self._store.resume(number(facts, 'steps', int))
+        self.outcomes = records(facts, 'outcomes', Outcome)
         self._updates = self.controller.learner.updates
-        self._actions, self._reward, self._loss, self._updates_before = facts['present']
+        [present] = records({'present': [facts.get('present')]}, 'present', _Present)
+        self._actions, self._reward, self._loss, self._updates_before = present

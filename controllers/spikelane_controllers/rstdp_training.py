@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import Checkpoint
-from spikelane_controllers.training import LearningController, Training
+from spikelane_controllers.learning_controller import LearningController
+from spikelane_controllers.training import Training
 
 
 class PlasticController(LearningController, Protocol):

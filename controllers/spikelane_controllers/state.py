@@ -7,7 +7,8 @@ type becomes an array per field, so that everything can be stored as safetensors
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, cast, NamedTuple, TypeVar
+import math
+from typing import Any, cast, get_args, get_type_hints, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ State = dict[str, Any]  # of arrays without fields, bool, int, float
 
 RecordT = TypeVar('RecordT', bound=NamedTuple)
 
+_KIND_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number'}
 _WORD = 1 << 64
+_LARGEST = 1 << 63  # of whole numbers
 
 
 def spread(prefix: str, record: NamedTuple) -> State:
@@ -64,14 +67,62 @@ def number(state: Mapping[str, Any], name: str, kind: type) -> Any:
         CheckpointError: It is missing, of another kind or not finite.
     """
     value = _look_up(state, name)
-    is_kind = isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
-    if not is_kind or not np.isfinite(value):
-        raise CheckpointError(f'{name}: expected a {kind.__name__}, got {value!r}')
+    if not isinstance(value, kind) or not _is_of(value, (kind,)):
+        raise CheckpointError(f'{name}: expected {_KIND_NAMES[kind]}, got {value!r:.80}')
     return value
 
 
+def mapping(facts: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a mapping of the facts, empty where it is missing.
+
+    Raises:
+        CheckpointError: It is something else.
+    """
+    value = facts.get(name, {})
+    if not isinstance(value, dict):
+        raise CheckpointError(f'{name}: expected a mapping, got {value!r:.80}')
+    return value
+
+
+def records(facts: Mapping[str, Any], name: str, cls: type[RecordT]) -> list[RecordT]:
+    """Return records that the facts hold as lists of numbers and texts.
+
+    Args:
+        facts: The facts.
+        name: Of the list of records.
+        cls: A NamedTuple, whose annotations say what its fields are.
+
+    Raises:
+        CheckpointError: The list is missing, or an entry is no such record.
+    """
+    kinds = [get_args(hint) or (hint,) for hint in get_type_hints(cls).values()]
+    values = _look_up(facts, name)
+    if not isinstance(values, list):
+        raise CheckpointError(f'{name}: expected a list, got {values!r:.80}')
+    for index, each in enumerate(values):
+        is_record = isinstance(each, list) and len(each) == len(kinds)
+        if not is_record or not all(map(_is_of, each, kinds)):
+            expected = ', '.join(cls._fields)
+            raise CheckpointError(f'{name}[{index}]: expected {expected}, got {each!r:.80}')
+    return [cls(*each) for each in values]
+
+
+def _is_of(value: Any, kinds: tuple[type, ...]) -> bool:
+    """Return whether a value is of one of these kinds; a whole number is a float, too."""
+    if isinstance(value, bool):
+        return bool in kinds
+    if isinstance(value, int):
+        return (int in kinds or float in kinds) and abs(value) < _LARGEST
+    if isinstance(value, float):
+        return float in kinds and math.isfinite(value)
+    return isinstance(value, kinds)
+
+
 def array(
-    state: Mapping[str, Any], name: str, dtype: np.dtype[Any], shape: tuple[int, ...] | None = None
+    state: Mapping[str, Any],
+    name: str,
+    dtype: np.dtype[Any],
+    shape: tuple[int | None, ...] = (None,),
 ) -> NDArray[Any]:
     """Return a copy of an array of the state.
 
@@ -79,7 +130,7 @@ def array(
         state: The state.
         name: Of the array.
         dtype: Its type.
-        shape: None for one axis of any length.
+        shape: Lengths of its axes, None for any length.
 
     Raises:
         CheckpointError: It is missing, of another shape or type, or not finite.
@@ -87,10 +138,13 @@ def array(
     value = _look_up(state, name)
     if not isinstance(value, np.ndarray) or value.dtype != dtype:
         raise CheckpointError(
-            f'{name}: expected an array of {dtype}, got {getattr(value, "dtype", value)}'
+            f'{name}: expected an array of {dtype}, got {getattr(value, "dtype", value)!s:.80}'
         )
-    if value.ndim != 1 if shape is None else value.shape != shape:
-        expected = 'one axis' if shape is None else f'shape {shape}'
+    is_shape = value.ndim == len(shape) and all(
+        wanted in (None, given) for wanted, given in zip(shape, value.shape, strict=True)
+    )
+    if not is_shape:
+        expected = 'one axis' if shape == (None,) else f'shape {shape}'
         raise CheckpointError(f'{name}: expected {expected}, got shape {value.shape}')
     if not np.isfinite(value).all():
         raise CheckpointError(f'{name}: expected finite numbers, got {_first_other(value)}')
@@ -121,10 +175,17 @@ def gather_generator(prefix: str, state: Mapping[str, Any]) -> np.random.Generat
     bits.state = {
         'bit_generator': 'PCG64',
         'state': {'state': words[0] * _WORD + words[1], 'inc': words[2] * _WORD + words[3]},
-        'has_uint32': number(state, f'{prefix}.has_uint32', int),
-        'uinteger': number(state, f'{prefix}.uinteger', int),
+        'has_uint32': _word(state, f'{prefix}.has_uint32', 1),
+        'uinteger': _word(state, f'{prefix}.uinteger', 2**32 - 1),
     }
     return np.random.Generator(bits)
+
+
+def _word(state: Mapping[str, Any], name: str, largest: int) -> int:
+    value: int = number(state, name, int)
+    if not 0 <= value <= largest:
+        raise CheckpointError(f'{name}: expected a whole number from 0 to {largest}, got {value}')
+    return value
 
 
 def check_names(state: Mapping[str, Any], expected: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import json
+import math
 from pathlib import Path
 import struct
 from typing import NamedTuple
@@ -18,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 import zstandard
 
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.files import FileError, write_bytes_atomically
+from spikelane_sim.parsing import parse_json, ParseError
 
 FORMAT = 'spikelane-states'
 VERSION = 1
@@ -31,6 +33,8 @@ _SKIPPABLE = struct.Struct('<II')  # magic number, bytes that follow
 _MAGIC = 0x184D2A50
 _BLOCK = struct.Struct('<II')  # states, bytes of the frame that has them
 _LARGEST = 255
+_LONGEST = 4096  # rows or columns of a state
+_MOST_BYTES = 2**31  # of all states unpacked: a million actions of the paper's states have half
 
 
 class _Block(NamedTuple):
@@ -123,13 +127,17 @@ def read_states(path: Path) -> States:
     content = _read(file)
     end = _check_head(file, content)
     blocks = list(_blocks(file, content, end))
-    states = np.empty((sum(block.states for block in blocks), *_shape(content)), np.uint8)
-    unpack, first = zstandard.ZstdDecompressor().decompress, 0
+    shape = (sum(block.states for block in blocks), *_shape(content))
+    if math.prod(shape) > _MOST_BYTES:
+        raise CheckpointError(
+            f'{file}: expected at most {_MOST_BYTES} bytes of states, got {math.prod(shape)}'
+        )
+    states, first = np.empty(shape, np.uint8), 0
     for block in blocks:
         part = states[first : first + block.states]
         first += block.states
         try:
-            unpacked = unpack(content[block.start : block.end])
+            unpacked = _unpack(content[block.start : block.end], part.nbytes)
         except zstandard.ZstdError as error:
             raise CheckpointError(f'{file}: cannot be unpacked: {error}') from None
         if len(unpacked) != part.nbytes:
@@ -138,6 +146,12 @@ def read_states(path: Path) -> States:
             )
         part[:] = np.frombuffer(unpacked, np.uint8).reshape(part.shape)
     return states
+
+
+def _unpack(frame: bytes, size: int) -> bytes:
+    """Unpack a zstd frame of this size; of a larger one only one byte more."""
+    with zstandard.ZstdDecompressor().stream_reader(frame) as reader:
+        return reader.read(size + 1)
 
 
 def _head(shape: tuple[int, int]) -> bytes:
@@ -153,7 +167,7 @@ def _read(file: Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        raise CheckpointError(
+        raise CheckpointChoiceError(
             f'{file}: expected the states of a training, got none: {error.strerror}'
         ) from None
 
@@ -170,8 +184,8 @@ def _payload(content: bytes, start: int) -> bytes | None:
 
 def _about(content: bytes) -> dict[str, int | str]:
     try:
-        about = json.loads(_payload(content, 0) or b'null')
-    except ValueError:
+        about = parse_json(_payload(content, 0) or b'null')
+    except ParseError:
         about = None
     return about if isinstance(about, dict) else {}
 
@@ -188,8 +202,11 @@ def _check_head(file: Path, content: bytes, shape: tuple[int, int] | None = None
         raise CheckpointError(f'{file}: expected the states of a training, got another file')
     if about.get('version') != VERSION:
         raise CheckpointError(f'{file}: expected version {VERSION}, got {about.get("version")}')
-    if not all(isinstance(about.get(name), int) for name in ('rows', 'columns')):
-        raise CheckpointError(f'{file}: expected rows and columns in its head, got {about}')
+    sides = [about.get(name) for name in ('rows', 'columns')]
+    if not all(isinstance(side, int) and 0 < side <= _LONGEST for side in sides):
+        raise CheckpointError(
+            f'{file}: expected rows and columns from 1 to {_LONGEST}, got {about!s:.80}'
+        )
     if shape is not None and shape != _shape(content):
         raise CheckpointError(f'{file}: expected states of {shape}, got {_shape(content)}')
     return _SKIPPABLE.size + len(_payload(content, 0) or b'')

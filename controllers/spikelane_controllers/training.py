@@ -17,21 +17,22 @@ from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from spikelane_controllers.state import State
+from spikelane_controllers.checkpoint import Arrays, Checkpoint, read_checkpoint, write_checkpoint
+from spikelane_controllers.learning_controller import LearningController
+from spikelane_controllers.state import array as state_array
+from spikelane_controllers.state import mapping, number, records, State
 from spikelane_sim.contract import (
-    Controller,
     controller_rng,
     LaneState,
     Observation,
     WheelVelocities,
 )
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.parameters import first_difference, parameter, Parameters
 
 #: Of the names of the controller's arrays in a checkpoint.
@@ -59,29 +60,6 @@ class Termination(NamedTuple):
     distance_m: float
     episode_steps: int
     reason: str
-
-
-class LearningController(Controller, Protocol):
-    """A controller that can be saved.
-
-    Attributes:
-        learning: Whether the weights change.
-    """
-
-    learning: bool
-
-    def initialise(self, rng: np.random.Generator) -> None:
-        """Forget all; draw initial weights, where none are given."""
-
-    def state(self) -> State:
-        """Return all that the next steps depend on."""
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Become what `state` returned.
-
-        Raises:
-            SpikelaneError: It is the state of another controller.
-        """
 
 
 class Start(NamedTuple):
@@ -148,7 +126,7 @@ class Training:
             FileError: The checkpoint cannot be written.
         """
         if self._checkpoint.exists():
-            raise CheckpointError(
+            raise CheckpointChoiceError(
                 f'{self._checkpoint}: expected a folder without a checkpoint, or to resume'
             )
         # Episodes count from 1, so that 0 is free for the weights before the first.
@@ -233,15 +211,21 @@ class Training:
         self._check_config(facts)
         try:
             self.controller.restore(controller_state(checkpoint))
+            self._restore(arrays, facts)
+            self._restore_records(checkpoint)
         except CheckpointError as error:
             raise CheckpointError(f'{self._checkpoint}: {error}') from None
-        self.steps = facts['steps']
-        self.terminations = [Termination(*each) for each in facts['terminations']]
-        self._restore_records(checkpoint)
-        self._config = facts['config']
-        self._start = Start(facts['lane'], facts['episode'])
-        self._distance_m = facts['distance_m']
-        self._answers = array('d', arrays['training.answers'].ravel())
+
+    def _restore(self, arrays: Arrays, facts: Mapping[str, Any]) -> None:
+        """Become what `_save` wrote of the training itself."""
+        self.steps = number(facts, 'steps', int)
+        self.terminations = records(facts, 'terminations', Termination)
+        self._config = mapping(facts, 'config')
+        start = {'start': [[facts.get('lane'), facts.get('episode')]]}
+        [self._start] = records(start, 'start', Start)
+        self._distance_m = float(number(facts, 'distance_m', float))
+        answers = state_array(arrays, 'training.answers', np.dtype(np.float64), (None, 2))
+        self._answers = array('d', answers.ravel())
         self._n_replayed = 0
 
     @property
@@ -314,12 +298,15 @@ class Training:
 
     def _check_config(self, facts: Mapping[str, Any]) -> None:
         if 'terminations' not in facts:
-            raise CheckpointError(f'{self._checkpoint}: expected a training, got weights alone')
+            raise CheckpointChoiceError(
+                f'{self._checkpoint}: expected a training, got weights alone'
+            )
+        config = mapping(facts, 'config')
         for name, expected in self._config.items():
-            given = facts['config'].get(name)
+            given = config.get(name)
             if given != expected:
                 where, expected, given = first_difference(name, expected, given)
-                raise CheckpointError(
+                raise CheckpointChoiceError(
                     f'{self._checkpoint}: expected a training with {where} {expected}, '
                     f'got one with {given}'
                 )
@@ -344,5 +331,5 @@ def controller_state(checkpoint: Checkpoint) -> State:
         for name, value in checkpoint.arrays.items()
         if name.startswith(_PREFIX)
     }
-    state.update(checkpoint.facts['controller'])
+    state.update(mapping(checkpoint.facts, 'controller'))
     return state

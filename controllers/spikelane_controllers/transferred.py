@@ -15,9 +15,9 @@ import numpy as np
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.feedforward import FeedForward
 from spikelane_controllers.normalisation import largest_input
-from spikelane_controllers.state import array, number
+from spikelane_controllers.state import array, mapping, number
 from spikelane_controllers.weights import find_checkpoint
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 
 CONTROLLER = 'dqn_snn'
 
@@ -98,11 +98,12 @@ def export_transferred(checkpoint: Path, path: Path, command: str) -> None:
         FileError: The network cannot be written.
     """
     arrays, facts = read_checkpoint(checkpoint, CONTROLLER)
-    if 'checkpoint' not in facts.get('config', {}):
-        raise CheckpointError(f'{checkpoint}: expected the checkpoint of a transfer')
+    config = mapping(facts, 'config')
+    if not isinstance(config.get('checkpoint'), str):
+        raise CheckpointChoiceError(f'{checkpoint}: expected the checkpoint of a transfer')
     spiking = {name: each for name, each in arrays.items() if name.startswith(f'{_SPIKING}.')}
     # Of the machine it was made on, only the folder's name is of interest.
-    config = {**facts['config'], 'checkpoint': Path(facts['config']['checkpoint']).name}
+    config |= {'checkpoint': Path(config['checkpoint']).name}
     write_checkpoint(path, CONTROLLER, spiking, {**facts, 'config': config, 'command': command})
 
 

@@ -16,7 +16,7 @@ from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.q_network import QNetwork
 from spikelane_controllers.registry import CONTROLLERS
 from spikelane_controllers.state import array
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 
 #: Names in a checkpoint of what a controller drives with: its network's weights.
 WEIGHTS = 'controller.network.weights_pa'  # of R-STDP, in pA
@@ -51,7 +51,7 @@ def find_checkpoint(controller: str, name: str) -> Path:
     if name in shipped:
         return _SHIPPED / f'{controller}_{name}.safetensors'
     if not Path(name).exists():
-        raise CheckpointError(
+        raise CheckpointChoiceError(
             f"checkpoint: expected one of {', '.join(shipped)}, or the path of a training's "
             f'folder or of a checkpoint, got {name!r}'
         )
@@ -132,6 +132,6 @@ def export_weights(controller: str, checkpoint: Path, path: Path, command: str) 
     arrays, facts = read_checkpoint(checkpoint, controller)
     names = _NAMES[controller]
     if not set(names) <= set(arrays) or 'config' not in facts:
-        raise CheckpointError(f'{checkpoint}: expected the checkpoint of a training')
+        raise CheckpointChoiceError(f'{checkpoint}: expected the checkpoint of a training')
     about = {'command': command, 'config': facts['config'], 'steps': facts.get('steps')}
     write_checkpoint(path, controller, {name: arrays[name] for name in names}, about)

@@ -33,4 +33,12 @@ class BagError(SpikelaneError):
 
 
 class CheckpointError(SpikelaneError):
-    """A checkpoint cannot be read, or is not what is wanted."""
+    """A checkpoint cannot be read, or what it holds cannot be used."""
+
+    exit_status = 1
+
+
+class CheckpointChoiceError(CheckpointError):
+    """The checkpoint given is none, or that of something else."""
+
+    exit_status = 2

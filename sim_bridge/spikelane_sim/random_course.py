@@ -22,6 +22,9 @@ import numpy as np
 from spikelane_sim.course_file import CourseRecord, LaneRecord, Marking, Part
 from spikelane_sim.errors import CourseError
 
+#: Random courses that one name stands for.
+MOST_COURSES = 100_000
+
 PREFIX = 'random:'
 
 #: Seeds are below this.
@@ -100,13 +103,14 @@ def expand_courses(name: str) -> tuple[str, ...]:
     first, dash, last = name.removeprefix(PREFIX).partition('-')
     begin = _number(name, first, 'FIRST-LAST') if dash else 0
     end = _number(name, last, 'FIRST-LAST') + 1 if dash else _number(name, first, 'N')
-    if end <= begin:
-        raise CourseError(f'course: expected at least one random course, got {name!r}')
+    if not 0 < end - begin <= MOST_COURSES:
+        raise CourseError(f'course: expected 1 to {MOST_COURSES} random courses, got {name!r}')
     return tuple(f'{PREFIX}{seed}' for seed in range(begin, end))
 
 
 def _number(name: str, text: str, form: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) < SEEDS):
+    is_number = text.isascii() and text.isdigit() and len(text) <= len(str(SEEDS))
+    if not is_number or int(text) >= SEEDS:
         expected = f'{PREFIX}{form} with whole numbers below 2^32'
         raise CourseError(f'course: expected {expected}, got {name!r}')
     return int(text)

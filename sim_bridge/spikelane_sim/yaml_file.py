@@ -10,6 +10,7 @@ import yaml
 
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import ParameterSpec
+from spikelane_sim.parsing import compose_yaml_file, construct_yaml, ParseError
 
 
 def read_yaml(path: Path, what: str, error: type[SpikelaneError]) -> YamlValue:
@@ -24,20 +25,17 @@ def read_yaml(path: Path, what: str, error: type[SpikelaneError]) -> YamlValue:
         SpikelaneError: Of that class: the file cannot be read, or is not YAML.
     """
     try:
-        text = path.read_text('utf-8')
-        tree = yaml.compose(text, Loader=yaml.SafeLoader)
-    except OSError as cause:
-        raise error(f'{path}: cannot be read: {cause.strerror}') from None
-    except UnicodeDecodeError:
-        raise error(f'{path}: expected a text in UTF-8') from None
-    except (yaml.YAMLError, RecursionError) as cause:
-        mark = getattr(cause, 'problem_mark', None)
-        line = f':{mark.line + 1}' if mark else ''
-        problem = getattr(cause, 'problem', None) or str(cause)
-        raise error(f'{path}{line}: not YAML: {problem}') from None
+        tree = compose_yaml_file(path)
+    except ParseError as cause:
+        line = '' if cause.line is None else f':{cause.line}'
+        raise error(f'{path}{line}: {cause}') from None
     if tree is None:
         raise error(f'{path}: expected {what}, got an empty file')
     return YamlValue(tree, str(path), '', error)
+
+
+#: Of a whole number; Python refuses to read more than some thousand.
+_MOST_DIGITS = 30
 
 
 class YamlValue:
@@ -136,9 +134,10 @@ class YamlValue:
         """Return a whole number within these limits."""
         expected = f'a whole number from {low} to {high}'
         is_plain = isinstance(self._node, yaml.ScalarNode) and self._node.style is None
-        if not is_plain or not self._node.value.isdecimal():
+        text = self._node.value if is_plain else ''
+        if not text.isdecimal() or len(text) > _MOST_DIGITS:
             self.fail(expected)
-        number = int(self._node.value)
+        number = int(text)
         if not low <= number <= high:
             self.fail(expected)
         return number
@@ -165,8 +164,8 @@ class YamlValue:
     def parameter(self, spec: ParameterSpec) -> Any:
         """Return the value of a parameter."""
         try:
-            value = _plain(self._node)
-        except (yaml.YAMLError, ValueError):  # a date that is none, say
+            value = construct_yaml(self._node)
+        except ParseError:  # a date that is none, say
             self.fail(spec.allowed)
         if spec.kind is float and isinstance(value, str):
             # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
@@ -175,12 +174,3 @@ class YamlValue:
             return spec.check(value)
         except ParameterError as error:
             self.refuse(error)
-
-
-def _plain(node: Any) -> Any:
-    """Return a node's value as Python's."""
-    loader = yaml.SafeLoader('')
-    try:
-        return loader.construct_object(node, deep=True)
-    finally:
-        loader.dispose()

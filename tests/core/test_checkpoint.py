@@ -11,6 +11,8 @@ import pytest
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.rstdp import RStdp, RStdpParameters
+from spikelane_controllers.training import Training, TrainingParameters
+from spikelane_controllers.transferred import read_transferred
 from spikelane_controllers.weights import (
     export_weights,
     read_weights,
@@ -20,6 +22,12 @@ from spikelane_controllers.weights import (
 from spikelane_sim.errors import CheckpointError
 
 GOOD = np.linspace(100.0, 2900.0, 64).reshape(2, 32)
+
+
+def _head(name: str, value: object) -> str:
+    """Return the header of a transfer's checkpoint in which one value is another."""
+    head = {'format': 'spikelane-checkpoint', 'version': 1, 'controller': 'dqn_snn', 'facts': {}}
+    return json.dumps(head | {name: value})
 
 
 def weights_of(file: Path | str) -> np.ndarray:
@@ -126,6 +134,62 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path: Path) -> None:
     file.write_text('text')
     with pytest.raises(CheckpointError, match='expected a whole safetensors file'):
         weights_of(file)
+
+
+@pytest.mark.parametrize(
+    ('head', 'reason'),
+    [
+        ('[' * 5000, 'header: expected lists and mappings nested 32 deep at most'),
+        ('{"format": 1', 'header: not JSON'),
+        (_head('facts', 1e-300), 'facts: expected a mapping, got 1e-300'),
+        (_head('controller', [1] * 500), r'expected controller dqn_snn, got [\[1, ]{80}$'),
+        (_head('facts', {'frames': True}), 'frames: expected a whole number, got True'),
+        (_head('facts', {'frames': 1, 'maximum': 2**70}), f'maximum: .* whole .*, got {2**70}'),
+    ],
+)
+def test_a_header_of_another_kind_is_refused(tmp_path: Path, head: str, reason: str) -> None:
+    """In one line that names the file, whatever the header holds."""
+    from safetensors.numpy import save_file
+
+    file = tmp_path / 'w.safetensors'
+    single = np.float32
+    network = {
+        'network.hidden_weights': np.zeros((2, 3), single),
+        'network.hidden_bias': np.zeros(2, single),
+        'network.output_weights': np.zeros((4, 2), single),
+    }
+    save_file(network, file, metadata={'spikelane': head})
+    with pytest.raises(CheckpointError, match=reason) as caught:
+        read_transferred(str(file), 3, 4)
+    assert str(caught.value).startswith(f'{file}: ')
+    assert '\n' not in str(caught.value)
+    assert caught.value.exit_status == (2 if 'controller' in reason else 1)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('steps', '5', "steps: expected a whole number, got '5'"),
+        ('terminations', 3, 'terminations: expected a list, got 3'),
+        ('terminations', [[1, 2]], r'terminations\[0\]: expected step, episode, lane, .*'),
+        ('config', [], r'config: expected a mapping, got \[\]'),
+        ('controller', 0, 'controller: expected a mapping, got 0'),
+        ('lane', 1, r'start\[0\]: expected lane, episode, got \[1, 1\]'),
+        ('distance_m', None, 'distance_m: expected a number, got None'),
+    ],
+)
+def test_a_training_is_not_resumed_from_facts_of_another_kind(
+    tmp_path: Path, name: str, value: object, reason: str
+) -> None:
+    """Each fact that it needs is checked."""
+    file = tmp_path / 'checkpoint.safetensors'
+    controller = RStdp(RStdpParameters(learning=True, checkpoint=''))
+    Training('rstdp', controller, TrainingParameters(), {}, file).begin(1)
+    arrays, facts = read_checkpoint(file, 'rstdp')
+    write_checkpoint(file, 'rstdp', arrays, facts | {name: value})
+    training = Training('rstdp', controller, TrainingParameters(), {}, file)
+    with pytest.raises(CheckpointError, match=reason):
+        training.resume()
 
 
 @pytest.mark.parametrize('missing', [1, 100, 600, None])

@@ -12,9 +12,9 @@ import pytest
 from spikelane.figures import style
 from spikelane.figures.terminations import draw_terminations
 from spikelane.figures.weights import draw_weights, weights_correlation
+from spikelane_controllers.learning_controller import LearningController
 from spikelane_controllers.rstdp_training import PlasticTraining
 from spikelane_controllers.training import (
-    LearningController,
     Termination,
     TrainingParameters,
 )

@@ -13,10 +13,15 @@ from rclpy.task import Future
 from spikelane_msgs.msg import LaneState, Weights
 from spikelane_msgs.srv import Reset
 
+from spikelane_controllers.learning_controller import (
+    check_can_learn,
+    check_learning_parameters,
+    LearningController,
+)
 from spikelane_controllers.nodes.controller import ControllerNode
 from spikelane_controllers.registry import controller_class, training_class
 from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
-from spikelane_controllers.training import LearningController, Training
+from spikelane_controllers.training import Training
 from spikelane_sim import messages
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
@@ -64,6 +69,7 @@ class LearningNode(ControllerNode):
     def _make_driver(self, name: str) -> Controller:
         self._weights = self.create_publisher(Weights, 'controller/weights', LATCHED)
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
+        check_learning_parameters(name, specs)
         if declare_parameter(self, specs['learning']):
             # Who learns begins with nothing, unless told otherwise.
             declare_parameter(self, replace(specs['checkpoint'], default=''))
@@ -71,6 +77,7 @@ class LearningNode(ControllerNode):
 
     def _wrap_driver(self, name: str, driver: LearningController) -> Controller:
         settings = declare_parameters(self, LearningNodeParameters)
+        check_can_learn(name, driver)
         cls = training_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._publish_weights(driver, 0)

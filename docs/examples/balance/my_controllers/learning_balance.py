@@ -27,7 +27,7 @@ class LearningBalanceParameters(BalanceParameters):
 
 
 class LearningBalance(Balance):
-    """Adds an offset to the turn; see `training.LearningController`."""
+    """Adds an offset to the turn; see `learning_controller.LearningController`."""
 
     parameters_class: ClassVar[type[LearningBalanceParameters]] = LearningBalanceParameters
     parameters: LearningBalanceParameters

@@ -27,7 +27,6 @@ import dataclasses
 import functools
 import importlib.metadata
 import itertools
-import json
 import os
 from pathlib import Path
 import platform
@@ -37,6 +36,7 @@ from typing import Any, Protocol
 from spikelane.inputs import input_digests
 from spikelane_sim.files import FileError, write_json, write_yaml
 from spikelane_sim.parameters import first_difference
+from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
@@ -176,12 +176,12 @@ class RunFolder:
         Raises:
             RunFolderError: It is of no run, or of another one.
         """
-        import yaml
-
         try:
-            found = yaml.safe_load(self.config.read_text('utf-8'))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError):
-            raise RunFolderError(f"{self.path}: expected a run's folder, got none") from None
+            found = read_yaml_file(self.config)
+        except ParseError as error:
+            raise RunFolderError(
+                f"{self.path}: expected a run's folder, got none: config.yaml: {error}"
+            ) from None
         wanted = _with_inputs(values)
         given = dict(found) if isinstance(found, Mapping) else {}
         given.pop('versions', None)
@@ -203,8 +203,8 @@ class RunFolder:
             FileError: It is not there, or not JSON.
         """
         try:
-            return dict(json.loads(self.metrics.read_text('utf-8')))
-        except (OSError, ValueError, TypeError) as error:
+            return dict(read_json_file(self.metrics))
+        except (ValueError, TypeError) as error:
             raise FileError(f'{self.metrics}: expected metrics, got none: {error}') from None
 
     def write_json(self, name: str, values: Mapping[str, Any]) -> None:

@@ -19,12 +19,16 @@ from spikelane.configuration import (
 from spikelane.interruption import check
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
-from spikelane_controllers.registry import training_class
+from spikelane_controllers.learning_controller import (
+    check_can_learn,
+    check_learning_parameters,
+    LearningController,
+)
+from spikelane_controllers.registry import controller_class, training_class
 from spikelane_controllers.rstdp_training import PlasticTraining
 from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
 from spikelane_controllers.states import read_states
 from spikelane_controllers.training import (
-    LearningController,
     Termination,
     Training,
     TrainingParameters,
@@ -78,6 +82,15 @@ class TrainConfig(Configuration):
         """As in `run_folder.Run`."""
         return f'train-{self.controller}-{course_label(self.scenario)}-seed{self.seed}'
 
+    def check(self) -> None:
+        """Make sure that there is what learns.
+
+        Raises:
+            SpikelaneError: The controller cannot be made or trained, or its node not be started.
+        """
+        super().check()
+        _learning_controller(self)
+
 
 def make_config(
     scenario: str,
@@ -101,6 +114,8 @@ def make_config(
         SpikelaneError: Anything is unknown or not allowed.
     """
     cls = training_class(controller).parameters_class
+    known = controller_class(controller).parameters_class.specs()
+    check_learning_parameters(controller, {spec.name: spec for spec in known})
     parameters = {**training_defaults(controller), **parameters}
     parts = configure(scenario, controller, seed, transport, parameters)
     return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
@@ -114,7 +129,7 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
     """
     training = training_class(config.controller)(
         config.controller,
-        cast(LearningController, configured_controller(config)),
+        _learning_controller(config),
         config.training,
         _identity(config),
         folder.checkpoint,
@@ -124,6 +139,12 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
     else:
         training.begin(config.seed)
     return training
+
+
+def _learning_controller(config: TrainConfig) -> LearningController:
+    controller = configured_controller(config)
+    check_can_learn(config.controller, controller)
+    return cast(LearningController, controller)
 
 
 def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -> Training:

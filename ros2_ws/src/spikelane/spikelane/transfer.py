@@ -22,6 +22,7 @@ from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
 from spikelane_controllers.normalisation import normalise, Normalised
 from spikelane_controllers.pytorch import require_pytorch
 from spikelane_controllers.q_network import action_values
+from spikelane_controllers.state import mapping
 from spikelane_controllers.states import NAME, read_states
 from spikelane_controllers.transfer import (
     class_shares,
@@ -283,7 +284,7 @@ def report_transfer(
 def _policy(config: TransferConfig) -> Dqn:
     """Return the DQN that acts greedily, of the size it was trained in."""
     facts = read_checkpoint(find_checkpoint('dqn', config.checkpoint), 'dqn').facts
-    values = {**facts.get('config', {}).get('dqn', {})}
+    values = mapping(mapping(facts, 'config'), 'dqn')
     values |= {'learning': False, 'checkpoint': config.checkpoint, 'q_learning.device': 'cpu'}
     parameters = DqnParameters.from_mapping(values, str(config.checkpoint))
     if parameters.image != config.gathering.encoding:

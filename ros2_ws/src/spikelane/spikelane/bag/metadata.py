@@ -11,9 +11,8 @@ from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-import yaml
-
 from spikelane_sim.errors import BagError
+from spikelane_sim.parsing import parse_yaml, ParseError
 
 FILE_NAME = 'metadata.yaml'
 # What rosbag2 writes as the starting time of a bag without a message.
@@ -23,7 +22,6 @@ NEWEST_VERSION = 9
 
 _TOP_KEY = 'rosbag2_bagfile_information'
 _TEXT_LIMIT = 1 << 25
-_DEPTH_LIMIT = 20
 
 _PLAIN = re.compile(r'[A-Za-z_/][A-Za-z0-9_/.\-]*')
 _RESERVED = {'true', 'false', 'yes', 'no', 'on', 'off', 'y', 'n', 'null'}
@@ -216,29 +214,12 @@ def _stored(information: Any, where: str) -> StoredMetadata:
 
 
 def _load(text: str, where: str) -> Any:
-    """Return what plain YAML says: no tags, no aliases, nothing deeply nested."""
     if len(text) > _TEXT_LIMIT:
         raise _no_metadata(where, f'more than {_TEXT_LIMIT} bytes')
-    loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-    depth = 0
     try:
-        for event in yaml.parse(text, Loader=loader):
-            if isinstance(event, yaml.AliasEvent):
-                raise _no_metadata(where, f'an alias, *{event.anchor}')
-            if isinstance(event, yaml.CollectionStartEvent):
-                depth += 1
-            elif isinstance(event, yaml.CollectionEndEvent):
-                depth -= 1
-            if depth > _DEPTH_LIMIT:
-                raise _no_metadata(where, f'YAML nested more than {_DEPTH_LIMIT} deep')
-        return yaml.load(text, Loader=loader)
-    except yaml.YAMLError as error:
+        return parse_yaml(text)
+    except ParseError as error:
         raise _no_metadata(where, str(error)) from None
-    # What its constructors raise for texts like `!!timestamp foo`.
-    except (ValueError, TypeError, AttributeError, LookupError, ArithmeticError) as error:
-        if isinstance(error, BagError):
-            raise
-        raise _no_metadata(where, f'a value that cannot be read: {error}') from None
 
 
 def _no_metadata(where: str, got: str) -> BagError:

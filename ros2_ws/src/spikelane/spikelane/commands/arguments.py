@@ -10,13 +10,12 @@ import re
 import sys
 from typing import Any
 
-import yaml
-
 from spikelane.configuration import TRANSPORTS
 from spikelane.lap import Show
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.parsing import parse_yaml, ParseError
 
 _SHOWN_EVERY_STEPS = 100
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
@@ -154,9 +153,11 @@ def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
 def _value(name: str, text: str) -> Any:
     """Return what a text means in YAML, where `1e-3` and the like are numbers too."""
     try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError):  # a date that is none, say
-        raise ParameterError(f'{name}: expected a value as in YAML, got {text!r}') from None
+        value = parse_yaml(text)
+    except ParseError as error:
+        raise ParameterError(
+            f'{name}: expected a value as in YAML, got {text!r:.80}: {error}'
+        ) from None
     # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
     return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
 

@@ -14,6 +14,7 @@ from spikelane.replay import make_config, replay, report_replay, unmeasured
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.parsing import parse_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -129,7 +130,7 @@ def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> d
     if options.controller != said.get('controller'):
         return {}
     try:
-        values = dict(json.loads(said.get('parameters', '{}')))
+        values = dict(parse_json(said.get('parameters', '{}')))
     except (TypeError, ValueError):
         return {}
     if options.scenario is not None:  # asks for its weights

@@ -20,7 +20,7 @@ from spikelane.training import (
 from spikelane.transport import over_ros
 from spikelane_controllers.registry import training_class, training_names
 from spikelane_controllers.training import Training
-from spikelane_sim.errors import CheckpointError, ParameterError
+from spikelane_sim.errors import CheckpointChoiceError, ParameterError
 
 
 def _usual_steps() -> str:
@@ -93,7 +93,7 @@ def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
         return RunFolder.begin(config, options.out)
     folder = RunFolder(options.out or RUNS / config.usual_name)
     if not folder.checkpoint.exists():
-        raise CheckpointError(f'{folder.checkpoint}: expected a checkpoint, got none')
+        raise CheckpointChoiceError(f'{folder.checkpoint}: expected a checkpoint, got none')
     return folder
 
 

@@ -22,6 +22,7 @@ from spikelane.run_folder import RunFolder
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
+from spikelane_sim.parsing import ParseError, read_json_file
 
 #: In a run's folder: what it is, for who does it and to find it again.
 RUN_FILE = 'run.json'
@@ -272,6 +273,6 @@ def write_run(folder: RunFolder, run: Run, before: RunFolder | None) -> None:
 
 def _key_in(file: Path) -> str:
     try:
-        return json.dumps(json.loads(file.read_text('utf-8'))['identity'], sort_keys=True)
-    except (OSError, ValueError, KeyError, TypeError):
+        return json.dumps(read_json_file(file)['identity'], sort_keys=True)
+    except (ParseError, KeyError, TypeError):
         return ''

@@ -22,6 +22,7 @@ from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import FileError, write_bytes_atomically
+from spikelane_sim.parsing import ParseError, read_json_file
 
 PROGRESS_FILE = 'progress.json'
 LOG = Path('logs') / 'worker.log'
@@ -91,8 +92,8 @@ def do_run(folder: RunFolder) -> None:
 def read_progress(folder: RunFolder) -> Progress | None:
     """Return how far a run says it is, None where it has not said anything."""
     try:
-        return Progress(**json.loads((folder.path / PROGRESS_FILE).read_text('utf-8')))
-    except (OSError, ValueError, TypeError):
+        return Progress(**read_json_file(folder.path / PROGRESS_FILE))
+    except (ParseError, TypeError):
         return None
 
 
@@ -128,8 +129,8 @@ def _folder(path: Path) -> RunFolder:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(path.read_text('utf-8')))
-    except (OSError, ValueError) as error:
+        return dict(read_json_file(path))
+    except (TypeError, ValueError) as error:
         raise FileError(f'{path}: expected what a run is, got a file unread: {error}') from None
 
 

@@ -17,12 +17,13 @@ from launch.events import matches_action
 from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-import yaml
 
 from spikelane.executables import executables
 from spikelane.nodes.lap import TOPICS
 from spikelane_controllers.registry import controller_names, controller_packages
 from spikelane_controllers.weights import shipped_weights
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parsing import ParseError, read_yaml_file
 
 #: A busy machine may keep a recorder away for a second.
 _RECORDED_DEPTH = 1000
@@ -247,7 +248,10 @@ def _in_file(file: Path, node: str) -> dict[str, Any]:
 
     They are read here, as a name in a file does not stand for a node in a namespace.
     """
-    content = yaml.safe_load(file.read_text(encoding='utf-8'))
+    try:
+        content = read_yaml_file(file)
+    except ParseError as error:
+        raise ParameterError(f'{file}: {error}') from None
     found: dict[str, Any] = {}
     for key in ('/**', node, f'/{node}'):
         found |= _dotted(content.get(key, {}).get('ros__parameters', {}))

@@ -28,9 +28,11 @@ from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.registry import controller_class, controller_names
+from spikelane_controllers.state import mapping, number, records
 from spikelane_controllers.training import Termination
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.files import FileError
+from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 
 _RESULTS_FILE = 'results.json'
@@ -132,8 +134,8 @@ def _is_former(runs: Runs, folder: Path) -> bool:
 def _run_name(folder: Path) -> str:
     """Return the name that an experiment has for a run, '' for a run of none."""
     try:
-        return str(json.loads((folder / RUN_FILE).read_text('utf-8'))['name'])
-    except (OSError, ValueError, KeyError, TypeError):
+        return str(read_json_file(folder / RUN_FILE)['name'])
+    except (ParseError, KeyError, TypeError):
         return ''
 
 
@@ -153,14 +155,10 @@ def _add(runs: Runs, folder: Path) -> None:
 
 
 def _add_run(runs: Runs, folder: Path) -> None:
-    import yaml
-
-    # LibYAML reads many files in a fraction of the time, where PyYAML has it.
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
     try:
-        config = yaml.load((folder / 'config.yaml').read_text('utf-8'), loader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FileError(f'config.yaml cannot be read: {error}') from None
+        config = read_yaml_file(folder / 'config.yaml')
+    except ParseError as error:
+        raise FileError(f'config.yaml: {error}') from None
     if not isinstance(config, Mapping):
         raise FileError('config.yaml: expected names and values')
     if not (folder / 'metrics.json').exists():
@@ -235,13 +233,13 @@ def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
         scenario=scenario_name(config),
         seed=config['seed'],
         setting=setting_of(config, folder).setting,
-        learnt_steps=facts['steps'],
+        learnt_steps=number(facts, 'steps', int),
         folder=folder,
         config=config,
         metrics=metrics,
-        steps=facts['steps'],
-        terminations=[Termination(*each) for each in facts['terminations']],
-        outcomes=[Outcome(*each) for each in facts.get('outcomes', ())],
+        steps=number(facts, 'steps', int),
+        terminations=records(facts, 'terminations', Termination),
+        outcomes=records(facts, 'outcomes', Outcome) if 'outcomes' in facts else [],
     )
 
 
@@ -253,7 +251,8 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
         except CheckpointError:
             continue
         if 'terminations' in facts:
-            if 'scenario' not in facts['config']:  # a node learns wherever its topics come from
+            # A node learns wherever its topics come from.
+            if 'scenario' not in mapping(facts, 'config'):
                 raise CheckpointError('checkpoint.safetensors: does not say what was driven on')
             return _training(folder, facts['config'], {})
     raise CheckpointError("checkpoint.safetensors: expected a training's checkpoint")
@@ -286,10 +285,12 @@ def _check(metrics: Mapping[str, Any], names: Sequence[str]) -> None:
 def _add_experiment(runs: Runs, folder: Path) -> None:
     """Add an experiment's conditions, and name those of its runs that came to nothing."""
     try:
-        results = json.loads((folder / _RESULTS_FILE).read_text('utf-8'))
+        results = read_json_file(folder / _RESULTS_FILE)
         listed = results['runs']
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FileError(f'{_RESULTS_FILE} cannot be read: {error!r}') from None
+    except ParseError as error:
+        raise FileError(f'{_RESULTS_FILE}: {error}') from None
+    except (KeyError, TypeError):
+        raise FileError(f'{_RESULTS_FILE}: expected the results of an experiment') from None
     runs.left_out.extend(
         LeftOut(f'{folder}: {run["name"]}', run['message'])
         for run in listed

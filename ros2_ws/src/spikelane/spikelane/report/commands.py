@@ -12,14 +12,13 @@ import json
 import shlex
 from typing import Any
 
-import yaml
-
 from spikelane import lap, training
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane.transfer import GATHERING_DEFAULTS
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.transfer import TransferParameters
 from spikelane_sim.course import scenario_course
+from spikelane_sim.parsing import parse_yaml
 from spikelane_sim.simulator import SimulatorParameters
 
 _FLAGS = {'simulator.robot.model': '--robot', 'simulator.pixels.model': '--pixels'}
@@ -99,7 +98,7 @@ def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
 def _text(value: Any) -> str:
     """Return what is read as this value."""
     plain = str(value)
-    is_plain = isinstance(value, str) and yaml.safe_load(plain) == value
+    is_plain = isinstance(value, str) and parse_yaml(plain) == value
     return plain if is_plain else json.dumps(value)
 
 

@@ -11,6 +11,7 @@ from spikelane.dqn_results import first_solved
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import RateError
 from spikelane_controllers.dqn_training import Outcome
+from spikelane_controllers.state import records
 from spikelane_controllers.training import Termination
 from spikelane_controllers.transfer import Measured
 from spikelane_sim.contract import TERMINATED_LANE_LOST
@@ -113,7 +114,7 @@ class TransferRun(Run):
     def curve(self) -> list[Measured]:
         """Accuracy over the training."""
         facts = read_checkpoint(self.folder, self.controller).facts
-        return [Measured(*each) for each in facts['curve']]
+        return records(facts, 'curve', Measured)
 
     @property
     def rates(self) -> dict[str, list[RateError]]:

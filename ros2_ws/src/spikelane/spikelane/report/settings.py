@@ -14,6 +14,7 @@ from spikelane.transfer import GATHERING_DEFAULTS
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, controller_names
+from spikelane_controllers.state import mapping
 from spikelane_controllers.transfer import TransferParameters
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
@@ -99,7 +100,7 @@ def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | No
         facts = read_checkpoint(find_checkpoint(controller, place), controller).facts
     except CheckpointError:
         return None
-    config = facts.get('config', {})
+    config = mapping(facts, 'config')
     scenario = scenario_name(config) if 'scenario' in config else ''
     variant, steps = _variant(config), facts.get('steps')
     if 'transfer' in config:
