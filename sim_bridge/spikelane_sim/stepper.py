@@ -10,9 +10,7 @@ Calls may come from several threads: commands from one, services and timers from
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum
 import threading
-from typing import NamedTuple
 
 from spikelane_sim.contract import (
     Observation,
@@ -22,33 +20,8 @@ from spikelane_sim.contract import (
     WheelVelocities,
 )
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.run_state import OnPublished, Publish, RunState
 from spikelane_sim.simulator import Simulator
-
-
-class RunState(Enum):
-    """States of a simulation, as in simulation_interfaces."""
-
-    STOPPED = 0  # reset to its beginning, time at 0
-    PLAYING = 1
-    PAUSED = 2
-
-
-class Publish(NamedTuple):
-    """How the stepper reaches the world.
-
-    Attributes:
-        observation: Publishes an observation; the flag is false where it was published before.
-        is_heard: Whether all those are there who must not miss an observation.
-        has_controller: Whether anybody could answer.
-    """
-
-    observation: Callable[[Observation, bool], None]
-    is_heard: Callable[[], bool]
-    has_controller: Callable[[], bool]
-
-
-#: Told once: of the observation published, or of None where another episode or a stop came first.
-OnPublished = Callable[[Observation | None], None]
 
 
 class _Advance:
@@ -154,12 +127,16 @@ class Stepper:
             episode: As in `Simulator.reset`.
             from_time_zero: As in `Simulator.reset`; so it is at the beginning of all.
             on_published: Called with the first observation once it is published; with None where
-                the next episode begins, or all stops, before that.
+                the next episode begins, or all stops or has stopped for good, before that.
 
         Raises:
             SpikelaneError: As in `Simulator.reset`; nothing has changed then.
         """
         with self._lock:
+            if self._state is RunState.QUITTING:
+                if on_published is not None:
+                    on_published(None)
+                return
             from_time_zero |= self._observation is None
             if from_time_zero:
                 lane = self._lane if lane is None else lane
@@ -218,6 +195,8 @@ class Stepper:
     def play(self) -> None:
         """Go on, or begin where nothing has begun."""
         with self._lock:
+            if self._state is RunState.QUITTING:
+                return
             self._state = RunState.PLAYING
             if self._observation is None:
                 self.begin(from_time_zero=True)
@@ -227,7 +206,8 @@ class Stepper:
     def pause(self) -> None:
         """Take no further step until `play` or `advance`."""
         with self._lock:
-            self._state = RunState.PAUSED
+            if self._state is not RunState.QUITTING:
+                self._state = RunState.PAUSED
 
     def stop(self) -> None:
         """Pause, and forget everything: the next episode begins at time zero with the first seed.
@@ -235,12 +215,26 @@ class Stepper:
         The robot is put back at once.
         """
         with self._lock:
-            self._state = RunState.STOPPED
+            if self._state is not RunState.QUITTING:
+                self._state = RunState.STOPPED
             self._observation = None
             self._answer = None
             self._simulator.clear(self._lane)
             self.cancel_advance()
             self._tell_of(None)
+
+    def quit(self) -> bool:
+        """Take no further step and publish nothing more, for good.
+
+        Returns:
+            Whether that cuts an episode short in which steps have been taken.
+        """
+        with self._lock:
+            self._state = RunState.QUITTING
+            self.cancel_advance()
+            self._tell_of(None)
+            lane = None if self._observation is None else self._observation.lane
+            return lane is not None and lane.step > 0 and not lane.terminated
 
     def advance(self, steps: int, on_step: Callable[[int, bool], None]) -> None:
         """Take some steps of a paused simulation; they are answered as in play.
@@ -355,7 +349,9 @@ class Stepper:
 
     def _publish_if_heard(self) -> None:
         observation = self._observation
-        if observation is None or not (self._is_published or self._publish.is_heard()):
+        if observation is None or self._state is RunState.QUITTING:
+            return
+        if not (self._is_published or self._publish.is_heard()):
             return
         is_new, self._is_published = not self._is_published, True
         self._publish.observation(observation, is_new)

@@ -9,8 +9,9 @@ import pytest
 
 from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.run_state import Publish, RunState
 from spikelane_sim.simulator import Simulator, SimulatorParameters
-from spikelane_sim.stepper import Publish, RunState, Stepper
+from spikelane_sim.stepper import Stepper
 
 STEP_NS = 50_000_000
 AHEAD = WheelVelocities(1.0, 1.0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import time
 import uuid
 
 import pytest
+from rosbags.highlevel import AnyReader
 
 pytestmark = pytest.mark.ros
 
@@ -64,6 +66,11 @@ class Command:
     def bag_bytes(self) -> int:
         """Return the size of the recording, 0 where there is none yet."""
         return sum(file.stat().st_size for file in (self._folder / 'lap').glob('bag/*.mcap'))
+
+    def recorded(self, topic: str) -> int:
+        """Return how many messages of a topic are in the bag."""
+        with AnyReader([self._folder / 'lap' / 'bag']) as reader:
+            return sum(each.msgcount for each in reader.connections if each.topic == topic)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for a condition."""
@@ -136,4 +143,21 @@ def test_a_node_that_crashes_ends_all(command: Command, node: str) -> None:
     lines = command.errors.splitlines()
     assert len(lines) == 1
     assert lines[0].startswith(f'spikelane lap: {node} ended')
+    assert 'recorded' in command.log('recorder')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('node', NODES)
+def test_a_node_that_is_told_to_end_ends_all(command: Command, node: str, number: int) -> None:
+    """Exit status 1 and one line that names the node; all that was published is recorded."""
+    os.kill(command.pids(node)[0], number)
+    assert command.wait() == 1
+    assert command.pids() == []
+    lines = command.errors.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f'spikelane lap: {node} ended with status ')
+    if node == 'simulator':
+        found = re.search(r'ended by SIG\w+ in episode 1, after (\d+) steps', lines[0])
+        assert found, lines
+        assert command.recorded('/lane/state') == int(found[1]) + 1
     assert 'recorded' in command.log('recorder')

@@ -104,6 +104,44 @@ def test_stopped_it_goes_on_over_either_transport(
     assert checkpoint_bytes(folder) == checkpoint_bytes(inprocess)
 
 
+@pytest.mark.parametrize(('node', 'number'), [('rstdp', 2), ('rstdp', 15), ('simulator', 15)])
+def test_a_training_whose_node_is_told_to_end_has_failed(
+    tmp_path: Path, node: str, number: int
+) -> None:
+    """Exit status 1 and one line, no results; it can be resumed."""
+    folder = tmp_path / 'cut'
+    process = start(folder, 'ros', '--steps', '1000000')
+    deadline_s = time.monotonic() + DEADLINE_S
+    while saved_steps(folder) < 100:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    os.kill(child(process.pid, node), number)
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 1, errors
+    assert len(errors.splitlines()) == 1
+    assert errors.startswith(f'spikelane train: {node} ended with status {128 + number}')
+    if node == 'rstdp':
+        assert ' of 1000000 steps; resume goes on from the last checkpoint' in errors
+    assert not (folder / 'metrics.json').exists()
+    steps = saved_steps(folder)
+    result = train(folder, 'inprocess', '--resume', '--steps', str(steps + 50))
+    assert result['steps'] == steps + 50
+
+
+def child(parent: int, name: str) -> int:
+    """Return the child process that runs a node."""
+    for task in Path(f'/proc/{parent}/task').iterdir():
+        for pid in (task / 'children').read_text().split():
+            if any(Path(part).name == name for part in command_of(int(pid))[:2]):
+                return int(pid)
+    raise AssertionError(f'{name} does not run')
+
+
+def command_of(pid: int) -> list[str]:
+    """Return a process's program and arguments."""
+    return Path(f'/proc/{pid}/cmdline').read_bytes().decode().split('\0')
+
+
 def saved_steps(folder: Path) -> int:
     """Return the steps in the checkpoint, -1 where there is none."""
     try:

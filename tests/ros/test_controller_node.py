@@ -318,7 +318,7 @@ def test_a_simulator_of_another_size_is_refused(graph) -> None:
 
 @pytest.mark.parametrize('numbers', [(signal.SIGINT, signal.SIGTERM), (15, 2)])
 def test_signals_in_full_drive_end_both_nodes_quietly(graph, numbers: tuple[int, int]) -> None:
-    """Exit status 0 and no traceback, whichever goes first."""
+    """They say so and end with 128 + n, without a traceback, whichever goes first."""
     remapped = ('-r', f'__ns:=/drive{numbers[0]:d}')
     parameters = {'robot.model': 'kinematic', 'episode.max_distance_m': 0}
     nodes = [
@@ -332,8 +332,9 @@ def test_signals_in_full_drive_end_both_nodes_quietly(graph, numbers: tuple[int,
     graph.until(lambda: steps and steps[-1] > 50)
     for node, number in zip(nodes, numbers, strict=True):
         node.send(number)
-    for node in nodes:
-        assert node.wait() == 0, node.log
+    for node, number in zip(nodes, numbers, strict=True):
+        assert node.wait() == 128 + number, node.log
+        assert f'ended by {signal.Signals(number).name} in episode 1, after ' in node.log
         assert 'Traceback' not in node.log
     graph.node.destroy_subscription(subscription)
 

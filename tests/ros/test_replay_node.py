@@ -136,10 +136,11 @@ def test_wrong_use_is_one_line(graph, parameters: dict[str, Any], error: str) ->
 
 
 def test_it_waits_for_a_controller_until_it_is_told_to_end(graph, bag: Path) -> None:
-    """And says so; a signal ends it quietly."""
+    """And says so; a signal ends it without a result, which the exit status tells."""
     process = graph.start('replay', {'bag': bag}, '-r', '__ns:=/alone')
     graph.until(lambda: 'waiting for 1 subscribers of event_camera/events' in process.log)
-    assert process.stop(signal.SIGINT) == 0
+    assert process.stop(signal.SIGINT) == 130
+    assert 'ended by SIGINT after 0 steps: there is no result' in process.log
     assert 'Traceback' not in process.log
 
 
@@ -153,4 +154,4 @@ def test_a_part_that_no_camera_has_ends_the_controller(graph, camera_bag: Path) 
     assert 'sensor: crop_left, crop_top, crop_width: expected a part of 1280 x 720' in (
         controller.log
     )
-    assert replaying.stop() == 0
+    assert replaying.stop() == 130

@@ -86,7 +86,8 @@ def simulator(graph) -> Iterator[list[Any]]:
     process = graph.start('simulator', own, '-r', '__ns:=/train')
     graph.until(lambda: lanes)
     yield lanes
-    assert process.stop() == 0
+    # A training that was killed may seem to be there still, so that the drive is cut short.
+    assert process.stop() in (0, 128 + signal.SIGINT)
 
 
 def start_training(graph: Any, folder: Path, **others: Any) -> Any:
@@ -121,7 +122,7 @@ def test_interrupted_it_goes_on_where_it_was(graph, simulator: list[Any], tmp_pa
     """By SIGINT and SIGKILL; the lanes and episodes go on as well."""
     folder = tmp_path / 'ros'
     kept = 0
-    for number, status in ((signal.SIGINT, 0), (signal.SIGKILL, -9)):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -9)):
         node = start_training(graph, folder, steps=10**6, resume=kept > 0)
         graph.until((folder / 'checkpoint.safetensors').exists)
         before = kept
@@ -156,8 +157,9 @@ def test_what_it_cannot_do_is_refused(graph, parameters: dict[str, Any], message
 
 
 def test_a_signal_ends_it_while_it_waits_for_a_simulator(graph, tmp_path: Path) -> None:
-    """Nothing is wrong then, and the beginning is saved."""
+    """The beginning is saved; the exit status says that the work is not done."""
     node = graph.start('rstdp', {'learning': True, 'output': tmp_path}, '-r', '__ns:=/nobody')
     graph.until((tmp_path / 'checkpoint.safetensors').exists)
-    assert node.stop(signal.SIGTERM) == 0
+    assert node.stop(signal.SIGTERM) == 143
+    assert 'ended by SIGTERM after 0 of 30000 steps' in node.log
     assert 'Traceback' not in node.log

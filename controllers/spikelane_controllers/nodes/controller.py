@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+import signal
 import threading
 from typing import NamedTuple
 
@@ -90,6 +91,8 @@ class ControllerNode(Node):
         self._answer = WheelVelocities()
         self._audience = Audience()
         self._is_answered = False
+        self._is_halted = False
+        self._lane: LaneState | None = None  # of the last observation answered
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
         self._state = ControllerState(
@@ -109,10 +112,23 @@ class ControllerNode(Node):
         self._subscribe()
         self._start()
 
+    def halt(self, number: int) -> None:
+        """Answer nothing more, and say where that cuts an episode short; see `run_node`."""
+        with self._lock:
+            self._is_halted = True
+        lane = self._lane
+        if lane is not None and lane.step and not lane.terminated:
+            self._cut_short(number, f'in episode {lane.episode}, after {lane.step} steps')
+
     def destroy_node(self) -> None:
         """Stop answering."""
         self._observations.stop()
         super().destroy_node()
+
+    def _cut_short(self, number: int, where: str) -> None:
+        """Say where a signal ends the node before its work is done."""
+        self.get_logger().warning(f'ended by {signal.Signals(number).name} {where}')
+        self.exit_status = 128 + number
 
     def _make_driver(self, name: str) -> Controller:
         """Declare the controller's parameters and make it."""
@@ -182,9 +198,12 @@ class ControllerNode(Node):
         self._seen = identity
         for step in self._sensor.add(messages.received_packet(packet)):
             with self._lock:
+                if self._is_halted:
+                    return
                 self._step(lane, step.events, step.stamp_ns)
+                self._lane = lane
                 self._is_answered = True
-            self._send_answer()
+                self._publish_answer()
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
         lane_state = None if lane is None else messages.lane_state_from_message(lane)
@@ -210,10 +229,13 @@ class ControllerNode(Node):
 
     def _send_answer(self) -> None:
         with self._lock:
-            count = self._wheels.get_subscription_count()
-            if self._is_answered and count >= self._settings.wait_for_subscribers:
-                self._audience.reach(count)
-                self._wheels.publish(self._answer)
+            self._publish_answer()
+
+    def _publish_answer(self) -> None:
+        count = self._wheels.get_subscription_count()
+        if self._is_answered and count >= self._settings.wait_for_subscribers:
+            self._audience.reach(count)
+            self._wheels.publish(self._answer)
 
     def _publish_state(self, lane: LaneState | None) -> None:
         state = self._state

@@ -60,6 +60,17 @@ class LearningNode(ControllerNode):
         self._observed = 0
         super().__init__(name)
 
+    def halt(self, number: int) -> None:
+        """Answer nothing more, and say where that cuts a training short; see `run_node`."""
+        super().halt(number)
+        training = self._training
+        if training is not None and not training.is_done:
+            self._cut_short(
+                number,
+                f'after {training.steps} of {training.parameters.steps} steps; resume goes on '
+                'from the last checkpoint',
+            )
+
     def destroy_node(self) -> None:
         """Stop answering."""
         super().destroy_node()

@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from spikelane_sim.contract import LaneState
 from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import CommandCounts, Simulator
 from spikelane_sim.stepper import Stepper
 
@@ -54,7 +55,7 @@ class SimulatorDiagnostics:
         status = DiagnosticStatus(
             name='simulator',
             hardware_id=self._simulator.parameters.robot.model,
-            level=DiagnosticStatus.WARN if self._is_stuck() else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if self._is_worrying() else DiagnosticStatus.OK,
             message=self._stepper.state.name.lower(),
         )
         status.values = [
@@ -63,6 +64,9 @@ class SimulatorDiagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+    def _is_worrying(self) -> bool:
+        return self._is_stuck() or self._stepper.state is RunState.QUITTING
 
     def _is_stuck(self) -> bool:
         """Return whether an answer is waited for that was already at the last message."""

@@ -1,8 +1,8 @@
 """How every Spikelane node runs: one error line for a wrong start, a quiet end on a signal.
 
-A node that is told to end first lets what it has published arrive. The middleware finds only at
-its next heartbeat, after some seconds, what was lost last; a node that is gone by then takes it
-along, and a recording would lack the end of a drive.
+A node that is told to end drives no further, and lets what it has published arrive. The middleware
+finds only at its next heartbeat, after some seconds, what was lost last; a node that is gone by
+then takes it along, and a recording would lack the end of a drive.
 """
 
 from __future__ import annotations
@@ -32,7 +32,12 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class RunnableNode(Protocol):
-    """A node that says how its process ends."""
+    """A node that says how its process ends.
+
+    A node may also have `halt(number)`: called in another thread when signal `number` has come, it
+    stops whatever the node does by itself, at once, and sets `exit_status` to 128 + number where
+    that cuts something short.
+    """
 
     exit_status: int
 
@@ -44,7 +49,8 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     """Make a node, spin it until a signal or its own shutdown, and return the exit status.
 
     Returns:
-        0, or what the node has as `exit_status`, or 2 where it could not be made.
+        What the node has as `exit_status`; 2 where it could not be made; 128 + n where signal n
+        came before it was.
     """
     try:
         with _signals_held_back():
@@ -80,6 +86,8 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
             if node is not None:
                 node.destroy_node()
             rclpy.try_shutdown()
+    if node is None:
+        return 128 + ending.number
     return int(getattr(node, 'exit_status', 0))
 
 
@@ -88,11 +96,13 @@ class _Ending:
 
     Attributes:
         node: Whose messages are to arrive before; None where there is none yet.
+        number: Of the signal that came; 0 where none has.
     """
 
     def __init__(self) -> None:
         """Take over SIGINT and SIGTERM, in the main thread."""
         self.node: Node | None = None
+        self.number = 0
         # Python's own handlers run in the main thread alone, which may be amid a long wait; the
         # signals' numbers are written here at once.
         self._told, teller = socket.socketpair()
@@ -120,9 +130,13 @@ class _Ending:
         self._told.close()
 
     def _run(self) -> None:
-        if not self._told.recv(1):
+        number = self._told.recv(1)
+        if not number:
             return
+        self.number = number[0]
         if self.node is not None:
+            with contextlib.suppress(RuntimeError):  # it ends by itself meanwhile
+                getattr(self.node, 'halt', lambda number: None)(self.number)
             self._deliver(self.node)
         rclpy.try_shutdown()
 

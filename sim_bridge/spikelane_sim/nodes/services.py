@@ -27,8 +27,9 @@ from spikelane_sim.contract import Observation
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.awaiting import Awaitable
+from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import Simulator
-from spikelane_sim.stepper import RunState, Stepper
+from spikelane_sim.stepper import Stepper
 
 ENTITY = 'pioneer'
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import signal
 import sys
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -22,8 +23,9 @@ from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.run_state import Publish
 from spikelane_sim.simulator import Simulator, SimulatorParameters
-from spikelane_sim.stepper import Publish, Stepper
+from spikelane_sim.stepper import Stepper
 
 WAITING_WARNING_PERIOD_S = 5.0
 ENDING_CHECK_PERIOD_S = 0.2
@@ -128,6 +130,25 @@ class SimulatorNode(Node):
         if settings.autostart:
             self._stepper.begin()
         self._commands.start()
+
+    def halt(self, number: int) -> None:
+        """Take no further step, and say where that cuts a drive short; see `run_node`.
+
+        In real time, and where no controller is there, the node serves until it is told to end.
+        """
+        is_cut_short = self._stepper.quit()
+        if (
+            is_cut_short
+            and self._settings.mode == 'lockstep'
+            and self.count_publishers('wheel_velocities')
+        ):
+            lane = self._simulator.lane_state
+            self.get_logger().warning(
+                f'ended by {signal.Signals(number).name} in episode {lane.episode}, '
+                f'after {lane.step} steps'
+            )
+            self.exit_status = 128 + number
+        self._diagnostics.publish()
 
     def destroy_node(self) -> None:
         """Stop stepping and release everything."""

@@ -9,7 +9,6 @@ import sys
 from typing import NoReturn
 
 from spikelane.interruption import Interrupted, signals_noted
-from spikelane_sim.errors import SpikelaneError
 
 #: Sub-commands and what they are for; each is a module of `spikelane.commands`.
 COMMANDS = {
@@ -50,6 +49,9 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
+    # Here and not above: signals must be noted before anything that takes long is imported.
+    from spikelane_sim.errors import SpikelaneError
+
     try:
         # It names the controllers there are, which another package's may make impossible.
         options = _parser(arguments).parse_args(arguments)

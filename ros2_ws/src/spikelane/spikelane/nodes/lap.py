@@ -93,6 +93,7 @@ def _drive(
         wall_time_s = _drive_episode(config, config.seed, supervisor, show)
         if not is_recorded:
             wall_time_s = _drive_episode(config, _NEXT_EPISODE, supervisor, show)
+        processes.check()  # what has ended before it was told to may have cut something short
         # The recorder goes last: what the others sent is on its way to it.
         processes.stop('simulator', config.controller)
         processes.stop(*nodes)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import json
 from pathlib import Path
+import signal
 import sys
 import time
 
@@ -103,11 +104,22 @@ class ReplayNode(Node):
         self._start_s = self._end_s = 0.0
         self._start_ns = 0
         self._has_begun = False  # real time
+        self._is_halted = self._is_finished = False
         self.get_logger().info(
             f'{settings.mode}, {self._drive.count} event packets of {settings.bag}'
         )
         for note in self._drive.notes:
             self.get_logger().warning(note)
+
+    def halt(self, number: int) -> None:
+        """Publish nothing more, and say where that cuts the replay short; see `run_node`."""
+        self._is_halted = True
+        if not self._is_finished:
+            self.get_logger().warning(
+                f'ended by {signal.Signals(number).name} after {len(self._answers)} steps: there '
+                'is no result'
+            )
+            self.exit_status = 128 + number
 
     def _begin(self) -> None:
         """Begin once the controller is there."""
@@ -127,13 +139,15 @@ class ReplayNode(Node):
 
     def _advance(self) -> None:
         """Publish until there is something to wait for."""
-        while not self._pending and self._next is not None:
+        while not self._pending and self._next is not None and not self._is_halted:
             self._publish_next()
-        if not self._pending:
+        if not self._pending and not self._is_halted:
             self._finish()
 
     def _publish_due(self) -> None:
         """Publish all whose time has come, and end when the last answers had theirs."""
+        if self._is_halted:
+            return
         elapsed_ns = (time.monotonic() - self._start_s) * 1e9 * self._settings.rate
         while self._next is not None and self._next.log_ns - self._start_ns <= elapsed_ns:
             self._publish_next()
@@ -184,6 +198,7 @@ class ReplayNode(Node):
             self._begin_real_time()
 
     def _finish(self) -> None:
+        self._is_finished = True
         result = {
             'bag': self._settings.bag,
             'mode': self._settings.mode,

@@ -7,6 +7,7 @@ from typing import Any
 
 from spikelane.lap import Show
 from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
+from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_training, TrainConfig
 from spikelane_controllers.training import Training
@@ -35,7 +36,8 @@ def train_over_ros(
         The training as its last checkpoint has it.
 
     Raises:
-        SpikelaneError: There is no checkpoint to resume from, or a node failed.
+        SpikelaneError: There is no checkpoint to resume from, a node failed, or the training
+            ended before all steps were driven.
     """
     # Whether this can be begun or resumed is found out here, before anything is started.
     begun = make_training(config, folder, resume=resume)
@@ -62,7 +64,13 @@ def train_over_ros(
             start_s=START_DEADLINE_S,
         )
         processes.wait(config.controller, _END_S)
-    return make_training(config, folder, resume=True)
+    done = make_training(config, folder, resume=True)
+    if not done.is_done:
+        raise ProcessError(
+            f'{config.controller} ended after {done.steps} of {config.training.steps} steps; '
+            '--resume goes on'
+        )
+    return done
 
 
 def node_parameters(config: TrainConfig, folder: RunFolder) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,36 @@
+"""The states of a simulation, and what a stepper needs of the world around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import NamedTuple
+
+from spikelane_sim.contract import Observation
+
+
+class RunState(Enum):
+    """States of a simulation, as in simulation_interfaces."""
+
+    STOPPED = 0  # reset to its beginning, time at 0
+    PLAYING = 1
+    PAUSED = 2
+    QUITTING = 3  # for good: nothing begins any more
+
+
+class Publish(NamedTuple):
+    """How the stepper reaches the world.
+
+    Attributes:
+        observation: Publishes an observation; the flag is false where it was published before.
+        is_heard: Whether all those are there who must not miss an observation.
+        has_controller: Whether anybody could answer.
+    """
+
+    observation: Callable[[Observation, bool], None]
+    is_heard: Callable[[], bool]
+    has_controller: Callable[[], bool]
+
+
+#: Told once: of the observation published, or of None where another episode or a stop came first.
+OnPublished = Callable[[Observation | None], None]
