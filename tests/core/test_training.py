@@ -283,6 +283,7 @@ def test_the_metrics_tell_when_it_had_learnt(whole: Path) -> None:
         'episodes': 5,
         'lane_losses': 1,
         'last_lane_loss_step': 20,
+        'settled': True,
         'laps_since': {'inner': 1, 'outer': 2},
     }
 

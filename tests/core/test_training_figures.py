@@ -224,7 +224,7 @@ def test_the_sections_are_marked_in_each_lanes_order(tmp_path: Path, drawn: list
         'lane lost to the right',
         'lane lost to the left',
         'lap completed',
-        'lane lost: 3, last at step 12,345; laps completed: 2',
+        'lane lost: 3, last at step 12,345; laps completed: 2; not settled',
     ):
         assert text in said
     assert 'ended otherwise' not in said

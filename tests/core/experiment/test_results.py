@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spikelane.evaluation import MEASURES, MEASURES_OF_ALL
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan, Run
 from spikelane.experiment.results import experiment_results
 from spikelane.experiment.runner import State, Status
 from spikelane.run_folder import RunFolder
+from spikelane.summary import MEASURES, MEASURES_OF_ALL
 
 
 def lap(seed: int, error_m: float) -> dict[str, Any]:

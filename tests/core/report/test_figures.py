@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from spikelane.figures.training_time import draw_training_time, TrainingTimes
+from spikelane.figures.training_time import draw_training_time, Time, TrainingTimes
 from spikelane.report.runs import TrainingRun
-from spikelane.report.training_times import first_lap_step, stable_step
+from spikelane.report.training_times import first_lap, stable
 from spikelane_controllers.training import Termination
 
 
@@ -34,13 +34,14 @@ def training(controller: str, ends: list[tuple[int, str, int, str]], **config: A
 
 
 def test_rstdp_is_stable_after_its_last_lane_loss() -> None:
-    """Its first lap ends an episode; a training that lost its lane last is not stable."""
+    """Its first lap ends an episode; that it is stable later is censored if it has not settled."""
     lost = (900, 'outer', 900, 'lane_lost')
     laps = [(5200, 'inner', 4300, 'laps_complete'), (9900, 'outer', 4700, 'laps_complete')]
     run = training('rstdp', [lost, *laps])
-    assert (first_lap_step(run), stable_step(run)) == (5200.0, 900.0)
-    assert first_lap_step(training('rstdp', [lost])) is None
-    assert stable_step(training('rstdp', [*laps, (11_000, 'inner', 1100, 'lane_lost')])) is None
+    assert (first_lap(run), stable(run)) == ((5200.0, True), (900.0, True))
+    assert first_lap(training('rstdp', [lost])) == (100_000.0, False)
+    again = training('rstdp', [*laps, (11_000, 'inner', 1100, 'lane_lost')])
+    assert stable(again) == (11_000.0, False)
 
 
 def test_dqns_first_lap_is_within_an_episode() -> None:
@@ -53,23 +54,26 @@ def test_dqns_first_lap_is_within_an_episode() -> None:
         (3656, 'outer', 10_000, 'step_limit'),
     ]
     run = training('dqn', ends, simulator=simulator, dqn={'task.drive_rad_s': 1.0})
-    assert first_lap_step(run) == 6560.0 + 6563.0
-    assert stable_step(run) == 6560.0
+    assert first_lap(run) == (6560.0 + 6563.0, True)
+    assert stable(run) == (6560.0, True)
     # At twice the speed half as many are enough.
     fast = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 2.0})
-    assert first_lap_step(fast) == 3282.0
+    assert first_lap(fast) == (3282.0, True)
     never = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 1.0})
-    assert (first_lap_step(never), stable_step(never)) == (None, None)
+    assert first_lap(never) == stable(never) == (6560.0, False)
 
 
 @pytest.mark.parametrize(
-    ('values', 'text'), [([100.0, 300.0, None], '2 of 3'), ([None], None), ([50.0], '1 of 1')]
+    ('times', 'text'),
+    [
+        ([Time(100.0, True), Time(300.0, True), Time(400.0, False)], '2 of 3'),
+        ([Time(400.0, False)], None),
+        ([Time(50.0, True)], '1 of 1'),
+    ],
 )
-def test_bars_say_how_many_got_there(
-    tmp_path: Path, values: list[float | None], text: str | None
-) -> None:
+def test_bars_say_how_many_got_there(tmp_path: Path, times: list[Time], text: str | None) -> None:
     """And a cross stands where none did."""
-    times = {'R-STDP': TrainingTimes(values, values, 'black')}
-    draw_training_time(times, tmp_path / 'times.svg', 'Training time')
+    groups = {'R-STDP': TrainingTimes(times, times, 'black')}
+    draw_training_time(groups, tmp_path / 'times.svg', 'Training time')
     shares = re.findall(r'<!--\s+(\d+ of \d+) -->', (tmp_path / 'times.svg').read_text())
     assert shares == ([text] * 2 if text else [])

@@ -136,6 +136,7 @@ def test_the_page_has_the_tables_rows(report: dict[str, Any]) -> None:
         'none',
         '—',
         'none',
+        '2 seeds',
         '1 to 2',
     ) in rows
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
+from spikelane.report.groups import by_key, seeds_in_words, Table
 from spikelane.report.paper import paper_value, VALUES
 from spikelane.report.runs import Lap, Runs, TrainingRun, TransferRun
-from spikelane.report.tables import all_tables, by_key, MEASURES, seeds_in_words, Table
+from spikelane.report.tables import all_tables, MEASURES
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import CONTROLLERS
 from spikelane_controllers.training import Termination
@@ -53,7 +54,7 @@ def table(runs: Runs, title: str) -> Table:
 
 
 def test_results_stand_beside_the_papers() -> None:
-    """Mean 0.04, s = 0.01; the interval's half is 4.302653 * 0.01 / sqrt(3) = 0.02484."""
+    """Mean 0.04, s = 0.01; log-scale half 4.302653 * 0.01 / sqrt(3) / 0.04 = 0.62103."""
     runs = Runs(laps=[lap(2, 0.05), lap(0, 0.03), lap(1, 0.04), lap(3, 0.9, completed=False)])
     error, steps = table(runs, "Results against the paper's").rows
     assert error == (
@@ -62,25 +63,27 @@ def test_results_stand_beside_the_papers() -> None:
         '1',
         "the paper's",
         '0.041 m',
-        '0.0400 ± 0.0100 m (0.0152 to 0.0648)',
+        '0.0400 ± 0.0100 m (0.0215 to 0.0744)',
         '0.0400 m (0.0300 to 0.0500)',
-        '3 of 4',
+        '—',
+        '3 of 4 seeds',
         '0 to 3',
         'section 6',
     )
     # Laps of 200, 201 and 202 s are 4,000, 4,020 and 4,040 steps of 50 ms.
-    assert steps[4:8] == (
+    assert steps[4:9] == (
         'about 5,000',
-        '4,020 ± 20 (3,970 to 4,070)',
+        '4,020 ± 20 (3,971 to 4,070)',
         '4,020 (4,000 to 4,040)',
-        '3 of 4',
+        '—',
+        '3 of 4 seeds',
     )
 
 
 def test_the_other_lane_is_not_compared_with_the_paper() -> None:
     """Which has the outer lane alone."""
     runs = Runs(laps=[lap(0, 0.03, lane='inner')])
-    assert [each.title for each in all_tables(runs)] == ['Laps']
+    assert [each.title for each in all_tables(runs)] == ['Success with learning off', 'Laps']
     [row] = table(runs, 'Laps').rows
     assert row == (
         'DQN',
@@ -93,6 +96,7 @@ def test_the_other_lane_is_not_compared_with_the_paper() -> None:
         '-0.0150 m',
         '0.0900 m',
         '4,000',
+        '1 seed',
         '0',
     )
 
@@ -106,22 +110,55 @@ def test_a_group_without_a_completed_lap_has_no_error() -> None:
     assert row[5:10] == ('none', '—', 'none', '—', 'none')
 
 
-def test_trainings_that_have_not_settled_are_counted_out() -> None:
-    """Their last lane loss is only the last one so far."""
+def test_trainings_that_have_not_settled_are_censored() -> None:
+    """Their last lane loss is only the last one so far: neither dropped nor counted as final."""
     runs = Runs(
-        trainings=[training(0, 8000, True), training(1, 9000, True), training(2, 1, False)]
+        trainings=[training(0, 8000, True), training(1, 9000, True), training(2, 8500, False)]
     )
     [row] = table(runs, "Results against the paper's").rows
-    assert row[0] == 'step of the last lane loss of those that settled'
+    assert row[0] == 'step of the last lane loss'
     assert row[4:9] == (
         'about 10,000',
-        '8,500 ± 707 (2,147 to 14,853)',  # 12.7062 * 707.1 / sqrt(2) = 6,353
-        '8,500 (8,000 to 9,000)',
-        '2 of 3',
-        '0 to 2',
+        '—',
+        '9,000 (8,000 to 9,000)',  # 2/3 go on after 8,000, and none of those known after 9,000
+        '—',
+        '2 of 3 trainings',
     )
     [row] = table(runs, 'Trainings').rows
-    assert row[3:] == ('30,000', '3 (2 to 3)', '8,000 (1 to 9,000)', '2 of 3', '0 to 2')
+    assert row[3:] == (
+        *('30,000', '3 (2 to 3)', '9,000 (8,000 to 9,000)', '—'),
+        *('2 of 3', '0 to 2'),
+    )
+
+
+def test_laps_of_one_training_are_one_draw() -> None:
+    """Three laps of either lane of two trainings: one training loses the lane once."""
+    laps = [
+        dataclasses.replace(
+            lap(seed, error_m, completed=(training, seed, lane) != ('b', 2, 'inner'), lane=lane),
+            training=training,
+        )
+        for training, error_m in (('a', 0.02), ('b', 0.04))
+        for lane in ('outer', 'inner')
+        for seed in (1, 2, 3)
+    ]
+    [row] = table(Runs(laps=laps), 'Success with learning off').rows
+    # Wilson's of 1 of 2.
+    assert row[3:] == ('training', 'outer, inner', '6', '1 of 2 (9% to 91%)', '1 to 3')
+    outer, inner = table(Runs(laps=laps), 'Laps').rows
+    assert (outer[4], outer[10]) == ('6 of 6 (34% to 100%)', '2 trainings')
+    assert inner[4].startswith('5 of 6 (')
+    # 12.7062 * 0.01 / 0.03 = 4.23540, and 0.03 * e^4.23540 = 2.0727.
+    assert outer[5] == inner[5] == '0.0300 ± 0.0141 m (0.0004 to 2.0727)'
+
+
+def test_seeds_that_gave_the_same_drive_are_one_draw() -> None:
+    """As those of a greedy policy without noise do."""
+    same = lap(0, 0.03)
+    laps = [same, *(dataclasses.replace(same, seed=seed) for seed in (1, 2))]
+    [row] = table(Runs(laps=laps), 'Laps').rows
+    assert row[4:6] == ('1 of 1 (21% to 100%)', '0.0300 m')
+    assert row[10:] == ('1 seed', '0 to 2')
 
 
 def test_settings_are_not_laid_together() -> None:
@@ -176,13 +213,13 @@ def transfer(seed: int, accuracy: float) -> TransferRun:
 
 
 def test_transfers_have_accuracies_and_rates() -> None:
-    """The s of 0.94 and 0.92 is 0.014142; the interval's half 12.7062 * 0.01 = 0.127062."""
+    """The s of 0.94 and 0.92 is 0.014142; on a logit scale half 12.7062 * 0.01 / 0.0651."""
     [row] = table(Runs(transfers=[transfer(0, 0.94), transfer(1, 0.92)]), 'Transfers').rows
     assert row == (
         '1',
         "the paper's",
         '50,000',
-        '93.00 ± 1.41 % (80.29 to 100.00)',
+        '93.00 ± 1.41 % (65.36 to 98.94)',
         '93.00 % (92.00 to 94.00)',
         '96.00 ± 0.00 % (96.00 to 96.00)',
         '50.00 ± 0.00 % (50.00 to 50.00)',

@@ -18,7 +18,8 @@ from spikelane.configuration import Configuration
 from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
-from spikelane.statistics import mean_statistics, METHOD, share_statistics
+from spikelane.statistics import METHOD, share_statistics
+from spikelane.summary import summarise, summarise_by_lane
 from spikelane.trajectory import read_csv, Trajectory, write_csv
 from spikelane.transport import over_ros
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
@@ -30,19 +31,6 @@ from spikelane_sim.random_course import expand_courses
 
 #: Shows how an evaluation goes on: steps driven, share of it that is done.
 ShowShare = Callable[[int, float], None]
-
-#: Of laps that were completed; a lap cut short says nothing about the rest of it.
-MEASURES = (
-    'mean_abs_distance_m',
-    'max_abs_distance_m',
-    'mean_distance_m',
-    'std_distance_m',
-    'lap_time_s',
-    'mean_speed_m_s',
-)
-
-#: Of all laps.
-MEASURES_OF_ALL = ('progress_m',)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -224,17 +212,12 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         Facts of the configuration; `operations`: what the network had to compute, as
         `operations_metrics` has it, None where it was not counted; `confidence`: how intervals
         are found; `summary`: of `all` laps, `by_lane` and, where there are several, `by_course`,
-        as `summarise` has it; then also `courses_completed`: on how many all laps were; `laps`:
-        the rows.
+        as `summary.summarise` has it (the weights are those of one training, so that the unit is
+        the course, or the seed where there is one course); then also `courses_completed`: on how
+        many courses all laps were; `laps`: the rows.
     """
     courses = list(dict.fromkeys(row['course'] for row in rows))
-    lanes = list(dict.fromkeys(row['lane'] for row in rows))
-    summary: dict[str, Any] = {
-        'all': summarise(rows),
-        'by_lane': {
-            lane: summarise([row for row in rows if row['lane'] == lane]) for lane in lanes
-        },
-    }
+    summary = summarise_by_lane(rows)
     if len(courses) > 1:
         summary['by_course'] = {
             course: summarise([row for row in rows if row['course'] == course])
@@ -260,22 +243,6 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         'operations': _operations(rows),
         'summary': summary,
         'laps': list(rows),
-    }
-
-
-def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Describe laps on the whole; each counts once.
-
-    Returns:
-        `completed`: how many, as `share_statistics` has it; and the statistics
-        (`mean_statistics`) of each of MEASURES over the completed laps, and of each of
-        MEASURES_OF_ALL over all.
-    """
-    completed = [row for row in rows if row['completed']]
-    return {
-        'completed': share_statistics(len(completed), len(rows)),
-        **{name: mean_statistics([row[name] for row in completed]) for name in MEASURES},
-        **{name: mean_statistics([row[name] for row in rows]) for name in MEASURES_OF_ALL},
     }
 
 

@@ -19,6 +19,7 @@ from spikelane.configuration import (
 from spikelane.interruption import check
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
+from spikelane.settling import has_settled, last_lane_loss_step
 from spikelane_controllers.learning_controller import (
     check_can_learn,
     check_learning_parameters,
@@ -263,10 +264,12 @@ def training_metrics(training: Training) -> dict[str, Any]:
         episodes: Episodes ended.
         lane_losses: Those that ended with the lane lost.
         last_lane_loss_step: Step of the last of them, 0 where there was none.
+        settled: Whether every lane was driven in full after it (`settling.has_settled`); where
+            not, it is only the last one so far.
         laps_since: Laps completed after it, by lane.
     """
+    last = last_lane_loss_step(training.terminations)
     lost = [each for each in training.terminations if each.reason == TERMINATED_LANE_LOST]
-    last = lost[-1].step if lost else 0
     since = [
         each.lane
         for each in training.terminations
@@ -277,6 +280,7 @@ def training_metrics(training: Training) -> dict[str, Any]:
         'episodes': len(training.terminations),
         'lane_losses': len(lost),
         'last_lane_loss_step': last,
+        'settled': has_settled(training.terminations),
         'laps_since': {lane: since.count(lane) for lane in sorted(set(since))},
     }
 

@@ -17,6 +17,7 @@ from spikelane.commands.arguments import (
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
+from spikelane.summary import UNITS, units_in_words
 from spikelane_sim.errors import ParameterError
 
 #: The parameter of each pixel model that is its noise.
@@ -116,7 +117,7 @@ def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder
 
 
 def _summary(result: dict[str, Any]) -> str:
-    """Return the results for people, a line for each lane."""
+    """Return the results for people, a line for each lane, and what the intervals are over."""
     groups = dict(result['summary']['by_lane'])
     if len(groups) > 1:
         groups['all'] = result['summary']['all']
@@ -126,6 +127,8 @@ def _summary(result: dict[str, Any]) -> str:
             f'{"courses":10} all laps completed on {courses["successes"]} of {courses["n"]} '
             f'(95 %: {courses["ci_low"]:.3f} to {courses["ci_high"]:.3f})'
         )
+    every = result['summary']['all']
+    lines.append(f'{"intervals":10} over {UNITS[every["unit"]]}: {units_in_words(every)}')
     return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
 
 

@@ -111,7 +111,7 @@ def _summary(result: dict[str, Any]) -> str:
     lines = {
         'steps': f'{result["steps"]}',
         'lane lost': f'{result["lane_losses"]} times, the last at step '
-        f'{result["last_lane_loss_step"]}',
+        f'{result["last_lane_loss_step"]}{"" if result["settled"] else " (not settled)"}',
         **(_full_episodes(result) if result['controller'] == 'dqn' else _laps(result)),
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),

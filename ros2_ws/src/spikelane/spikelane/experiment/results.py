@@ -7,13 +7,30 @@ import json
 import math
 from typing import Any
 
-from spikelane.evaluation import summarise
 from spikelane.experiment.runner import Status
 from spikelane.run_folder import RunFolder
-from spikelane.statistics import mean_statistics, METHOD
+from spikelane.statistics import mean_statistics, METHOD, time_statistics
+from spikelane.summary import summarise_by_lane
 
 #: Of metrics that are no results of a run, or not comparable.
 _NOT_MEASURED = ('seed', 'seeds', 'wall_time_s')
+
+#: Of trainings: steps at which something was reached, or was not by then.
+_TIMES = ('last_lane_loss_step', 'solved_at', 'solved_by')
+
+#: Numbers that are shares, and numbers that cannot be negative; of others that is not known.
+_SHARES = ('accuracy', 'training_accuracy', 'event_loss')
+_NOT_NEGATIVE = (
+    'steps',
+    'episodes',
+    'lane_losses',
+    'full_episodes',
+    'updates',
+    'states',
+    'held_out_states',
+    'maximum',
+    'latency_ms',
+)
 
 RESULTS_FILE = 'results.json'
 
@@ -30,8 +47,10 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
         matrix, state, message and folder; `groups`: of finished runs that differ in nothing but
         the seed, those before them included: their task and place, seeds, and `metrics`:
         statistics of each number over the seeds (`mean_statistics`), `operations` of evaluations
-        likewise, `laps` (`evaluation.summarise`) of all laps of evaluations, the same lap with
-        the same weights once.
+        likewise; `times` of trainings: those of `_TIMES`, censored where they were not reached
+        (`time_statistics`); `laps` of evaluations (`summary.summarise_by_lane`), the same lap
+        with the same weights once. Where each run drives with the weights of a training of its
+        own, the trainings are the units.
 
     Raises:
         FileError: The metrics of a finished run cannot be read.
@@ -68,7 +87,7 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
         **_place(members[0]),
         'seeds': [status.run.point.seed for status in members],
         'metrics': {
-            name: mean_statistics([metrics[name] for metrics in found])
+            name: mean_statistics([metrics[name] for metrics in found], None, *_bounds(name))
             for name in names
             if all(_is_measured(name, metrics.get(name)) for metrics in found)
         },
@@ -76,31 +95,45 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
     counted = [metrics['operations'] for metrics in found if metrics.get('operations')]
     if len(counted) == len(found):
         group['operations'] = {
-            name: mean_statistics([operations[name] for operations in counted])
+            name: mean_statistics([operations[name] for operations in counted], low=0.0)
             for name in counted[0]
             if all(name in operations for operations in counted)
         }
-    laps = _laps(members, found)
-    if laps:
-        lanes = list(dict.fromkeys(lap['lane'] for lap in laps))
-        group['laps'] = {
-            'all': summarise(laps),
-            'by_lane': {
-                lane: summarise([each for each in laps if each['lane'] == lane]) for lane in lanes
-            },
-        }
+    if times := {name: _times(name, found) for name in _TIMES if name in found[0]}:
+        group['times'] = times
+    if laps := _laps(members, found):
+        group['laps'] = summarise_by_lane(laps)
     return group
+
+
+def _bounds(name: str) -> tuple[float, float]:
+    """Return the smallest and largest possible value of a number in metrics."""
+    if name in _SHARES:
+        return 0.0, 1.0
+    return (0.0 if name in _NOT_NEGATIVE else -math.inf), math.inf
+
+
+def _times(name: str, found: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Describe when trainings reached something."""
+    if name == 'last_lane_loss_step':
+        # Metrics of a version that did not tell count as those of a training that has not settled.
+        reached = [bool(metrics.get('settled')) for metrics in found]
+        return time_statistics([metrics[name] for metrics in found], reached)
+    reached = [metrics[name] is not None for metrics in found]
+    times = [
+        metrics[name] if is_reached else metrics['steps']
+        for metrics, is_reached in zip(found, reached, strict=True)
+    ]
+    return time_statistics(times, reached)
 
 
 def _laps(members: Sequence[Status], found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the laps of evaluations; where nothing is learnt seeds of several can overlap."""
     laps = {
-        (
-            status.folder if status.run.before else None,
-            lap['course'],
-            lap['lane'],
-            lap['seed'],
-        ): lap
+        (status.run.before, lap['course'], lap['lane'], lap['seed']): {
+            **lap,
+            'training': status.run.before,
+        }
         for status, metrics in zip(members, found, strict=True)
         for lap in metrics.get('laps', ())
     }
@@ -130,7 +163,8 @@ def _place(status: Status) -> dict[str, Any]:
 
 def _is_measured(name: str, value: object) -> bool:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return is_number and math.isfinite(value) and name not in _NOT_MEASURED  # type: ignore[arg-type]
+    is_other = name in _NOT_MEASURED or name in _TIMES
+    return is_number and math.isfinite(value) and not is_other  # type: ignore[arg-type]
 
 
 def write_results(folder: RunFolder, results: Mapping[str, Any]) -> None:

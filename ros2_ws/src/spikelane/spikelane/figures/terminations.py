@@ -14,6 +14,7 @@ import numpy as np
 
 from spikelane.figures import style
 from spikelane.figures.past import Past
+from spikelane.settling import has_settled
 from spikelane_controllers.training import Termination
 from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
 
@@ -86,7 +87,9 @@ def _terminations_in_words(training: Past) -> str:
     lost = [e for e in training.terminations if e.reason == TERMINATED_LANE_LOST]
     laps = [e for e in training.terminations if e.reason == TERMINATED_LAPS_COMPLETE]
     last = f', last at step {lost[-1].step:,}' if lost else ''
-    return f'lane lost: {len(lost)}{last}; laps completed: {len(laps)}'
+    is_open = training.terminations and not has_settled(training.terminations)
+    settled = '; not settled' if is_open else ''
+    return f'lane lost: {len(lost)}{last}; laps completed: {len(laps)}{settled}'
 
 
 def _lay_out_lanes(figure: Figure, number: int) -> list[Axes]:

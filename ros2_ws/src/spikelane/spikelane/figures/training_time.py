@@ -1,7 +1,8 @@
 """The figure that compares how long controllers trained: to the first lap, and until stable.
 
-As the paper's: bars of means over the seeds, their standard deviation, and a cross where no
-training of a group got there.
+As in the paper's figure a bar is a group of trainings. Its length is the Kaplan-Meier median over
+all of them, the line goes from the first to the last, and an arrow stands at its end where the
+last had not got there when its training ended. A cross stands where less than half got there.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
 
 from spikelane.figures import style
-from spikelane.statistics import mean_statistics
+from spikelane.statistics import time_statistics
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,17 +27,29 @@ _BAR_IN, _AROUND_IN = 0.5, 1.45
 _BAR = 0.5  # of a row's height
 
 
-class TrainingTimes(NamedTuple):
-    """Simulated time of the trainings of a group, a value a seed, None where it never was.
+class Time(NamedTuple):
+    """When a training got somewhere.
 
     Attributes:
-        first_lap: To the end of the first lap [steps of 50 ms].
-        stable: Until it drove without losing the lane [steps of 50 ms].
+        step: When it did, or was observed last without [steps of 50 ms].
+        reached: Whether it did.
+    """
+
+    step: float
+    reached: bool
+
+
+class TrainingTimes(NamedTuple):
+    """Simulated times of the trainings of a group, one of each training.
+
+    Attributes:
+        first_lap: To the end of the first lap.
+        stable: Until it drove without losing the lane.
         colour: Of the bars.
     """
 
-    first_lap: Sequence[float | None]
-    stable: Sequence[float | None]
+    first_lap: Sequence[Time]
+    stable: Sequence[Time]
     colour: str
 
 
@@ -59,11 +72,12 @@ def draw_training_time(
     height_in = _AROUND_IN + _BAR_IN * len(groups)
     with style.settings():
         figure = style.new_figure(_WIDTH_IN, height_in)
-        style.write_title(figure, title, 'mean and standard deviation; cross: never')
-        for index, (left, words) in enumerate(_PANELS):
+        words = 'bar: median; line: range; arrow: the last not by its end; cross: most never'
+        style.write_title(figure, title, words)
+        for index, (left, heading) in enumerate(_PANELS):
             box = (left, 0.55 / height_in, _PANEL, _BAR_IN * len(groups) / height_in)
             axes = figure.add_axes(box)
-            axes.set_title(words, fontsize=style.NORMAL_PT, weight='bold')
+            axes.set_title(heading, fontsize=style.NORMAL_PT, weight='bold')
             for row, times in enumerate(groups.values()):
                 _draw_bar(axes, row, times[index], times.colour)  # type: ignore[arg-type]
             axes.set_ylim(len(groups) - 0.5, -0.5)
@@ -76,18 +90,21 @@ def draw_training_time(
         return style.save(figure, path)
 
 
-def _draw_bar(axes: Axes, row: int, values: Sequence[float | None], colour: str) -> None:
-    found = mean_statistics([value for value in values if value is not None])
-    if found is None or found['mean'] is None:
+def _draw_bar(axes: Axes, row: int, times: Sequence[Time], colour: str) -> None:
+    found = time_statistics([each.step for each in times], [each.reached for each in times])
+    if found is None or found['median'] is None:
         axes.plot(
             0.02, row, 'X', color=colour, transform=axes.get_yaxis_transform(), clip_on=False
         )
         return
-    axes.barh(row, found['mean'], height=_BAR, color=colour, alpha=0.85, linewidth=0)
-    if found['std']:
-        axes.errorbar(found['mean'], row, xerr=found['std'], color=style.INK, capsize=3)
-    share = f'  {found["n"]} of {len(values)}'
-    at = found['mean'] + (found['std'] or 0.0)
+    axes.barh(row, found['median'], height=_BAR, color=colour, alpha=0.85, linewidth=0)
+    if len(times) > 1:
+        axes.plot([found['min'], found['max']], [row, row], color=style.INK, linewidth=1.2)
+        ends = ((found['min'], '|'), (found['max'], '|' if found['max_reached'] else '>'))
+        for end, marker in ends:
+            axes.plot(end, row, marker, color=style.INK, markersize=6)
+    share = f'   {found["reached"]} of {found["n"]}'
+    at = max(found['max'], found['median'])
     axes.text(at, row, share, fontsize=style.SMALL_PT, va='center')
-    axes.update_datalim([(1.15 * at, row)])
+    axes.update_datalim([(1.2 * at, row)])
     axes.autoscale_view(scaley=False)

@@ -23,7 +23,7 @@ from spikelane.report.runs import (
     TrainingRun,
     TransferRun,
 )
-from spikelane.report.settings import scenario_name, setting_of
+from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn_training import Outcome
@@ -206,6 +206,7 @@ def _lap(
         config=config,
         metrics=metrics,
         lane=lane,
+        training=checkpoint_of(config),
     )
 
 

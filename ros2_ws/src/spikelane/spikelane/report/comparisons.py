@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from spikelane.report.groups import by_key, Key, PAPER_LANE
 from spikelane.report.labels import plain
 from spikelane.report.paper import PAPER_SCENARIOS
 from spikelane.report.runs import Lap, RANDOM_COURSES
-from spikelane.report.tables import by_key, Key, PAPER_LANE
 
 #: Drives in one comparison; more do not fit on a screen together.
 _MOST_DRIVES = 4

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import functools
+import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from spikelane.report.comparisons import (
     Place,
     representative_laps,
 )
+from spikelane.report.groups import by_key, PAPER_LANE, seeds_in_words
 from spikelane.report.labels import (
     bar_label,
     file_name,
@@ -39,8 +41,7 @@ from spikelane.report.runs import (
     TrainingRun,
     TransferRun,
 )
-from spikelane.report.tables import by_key, PAPER_LANE, seeds_in_words
-from spikelane.report.training_times import first_lap_step, stable_step
+from spikelane.report.training_times import first_lap, stable
 from spikelane.trajectory import read_csv, Trajectory
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.states import read_states
@@ -169,7 +170,7 @@ def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_F
     from spikelane.figures.weights import draw_weights
 
     for key, group in by_key(trainings).items():
-        run = median_run(group, lambda each: float(each.last_lane_loss_step))
+        run = median_run(group, _settled_by)
         stem = f'{key.controller}_{file_name(key)}'
         words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
         if key.controller == 'dqn':
@@ -287,6 +288,11 @@ def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
     )
 
 
+def _settled_by(run: TrainingRun) -> float:
+    """Return the last lane loss; of trainings that have not settled it is later than of others."""
+    return float(run.last_lane_loss_step) if run.has_settled else math.inf
+
+
 def first_lap_of(lap: Lap) -> Trajectory:
     """Return the first lap of a drive, or all of it where there is none."""
     from spikelane.report.again import first_lap
@@ -300,15 +306,18 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
     def draw() -> tuple[Path, ...]:
         groups = {
             bar_label(key): TrainingTimes(
-                [first_lap_step(run) for run in group],
-                [stable_step(run) for run in group],
+                [first_lap(run) for run in group],
+                [stable(run) for run in group],
                 style.RIGHT if key.controller == 'rstdp' else style.LEFT,
             )
             for key, group in by_key(trainings).items()
         }
         return draw_training_time(groups, folder / 'training_time', 'Training time')
 
-    caption = 'Training time: simulated steps to the first lap and to stable driving'
+    caption = (
+        'Training time: simulated steps to the first lap and to stable driving, Kaplan-Meier '
+        'medians over all trainings'
+    )
     return _Figure('Training time', 'training_time', caption, draw)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
+from spikelane.report.groups import Key, shown_name
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
-from spikelane.report.tables import Key, shown_name
 
 #: Letters that there is room for beside a bar.
 _BAR_LETTERS = 44

@@ -11,9 +11,9 @@ from spikelane.report.comparisons import (
     Place,
     representative_laps,
 )
+from spikelane.report.groups import ORDER, PAPER_LANE, shown_name
 from spikelane.report.paper import PAPER_SCENARIOS
 from spikelane.report.runs import Lap, LeftOut, RANDOM_COURSES, Runs
-from spikelane.report.tables import ORDER, PAPER_LANE, shown_name
 
 
 def missing(runs: Runs) -> Iterator[LeftOut]:

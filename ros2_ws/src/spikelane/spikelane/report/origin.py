@@ -7,8 +7,8 @@ import json
 from typing import NamedTuple
 
 from spikelane.report.commands import command_of
+from spikelane.report.groups import by_key, seeds_in_words
 from spikelane.report.runs import Lap, LeftOut, Runs, TrainingRun, TransferRun
-from spikelane.report.tables import by_key, seeds_in_words
 from spikelane_sim.errors import SpikelaneError
 
 #: Stands for what a run's version did not write down.

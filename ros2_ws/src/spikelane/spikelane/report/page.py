@@ -10,10 +10,11 @@ from typing import Any
 
 from spikelane.report.collect import collect
 from spikelane.report.figures import draw_figures, Drawn, Show
+from spikelane.report.groups import Table
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.runs import LeftOut, Runs
-from spikelane.report.tables import all_tables, Table
+from spikelane.report.tables import all_tables
 from spikelane.run_folder import versions
 from spikelane_sim.files import write_json, write_text_atomically
 

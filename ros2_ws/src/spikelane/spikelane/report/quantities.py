@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 import math
 from typing import NamedTuple
 
-from spikelane.statistics import mean_statistics
+from spikelane.statistics import mean_statistics, time_statistics
 
 #: Stands where there is nothing.
 NOTHING = '—'
@@ -19,9 +19,8 @@ class Quantity(NamedTuple):
         form: Of a number.
         unit: Behind it, with a space before; '' for none.
         factor: From the value to the number that is written.
-        low: Smallest possible value: an interval that supposes a normal distribution can go below
-            it, and is cut there.
-        high: Largest possible value, likewise.
+        low: Smallest possible value.
+        high: Largest possible value.
     """
 
     form: str
@@ -34,9 +33,9 @@ class Quantity(NamedTuple):
         """Write a value."""
         return f'{self._number(value)}{self.unit}'
 
-    def mean(self, values: Sequence[float]) -> str:
-        """Write mean, standard deviation and interval, as far as there are values."""
-        found = mean_statistics(values)
+    def mean(self, values: Sequence[float], units: Sequence[Hashable] | None = None) -> str:
+        """Write mean, standard deviation and interval over units, as far as there are units."""
+        found = mean_statistics(values, units, self.low, self.high)
         if found is None:
             return 'none'
         mean, std, low, high = (found[name] for name in ('mean', 'std', 'ci_low', 'ci_high'))
@@ -44,18 +43,41 @@ class Quantity(NamedTuple):
         if std is None or low is None or high is None:
             return self.show(mean)
         number = self._number
-        interval = f'{number(max(low, self.low))} to {number(min(high, self.high))}'
-        return f'{number(mean)} ± {number(std)}{self.unit} ({interval})'
+        return f'{number(mean)} ± {number(std)}{self.unit} ({number(low)} to {number(high)})'
 
-    def median(self, values: Sequence[float]) -> str:
-        """Write median and range, as far as there are values."""
-        found = mean_statistics(values)
+    def median(self, values: Sequence[float], reached: Sequence[bool] | None = None) -> str:
+        """Write median and range, as far as there are values.
+
+        Args:
+            values: One of each unit.
+            reached: Of times to an event, whether it came; without it all are values. Of a time
+                at which it had not come the event is later.
+        """
+        found = time_statistics(values, [True] * len(values) if reached is None else reached)
         if found is None:
             return NOTHING
-        median, low, high = (float(found[name] or 0) for name in ('median', 'min', 'max'))
-        if low == high:
-            return self.show(median)
-        return f'{self.show(median)} ({self._number(low)} to {self._number(high)})'
+        if found['median'] is None:
+            median = f'over {self.show(max(values))}'
+        else:
+            median = self.show(found['median'])
+        if found['min'] == found['max']:
+            return median
+        low, high = (
+            f'{"" if found[f"{end}_reached"] else "over "}{self._number(found[end])}'
+            for end in ('min', 'max')
+        )
+        return f'{median} ({low} to {high})'
+
+    def median_interval(
+        self, values: Sequence[float], reached: Sequence[bool] | None = None
+    ) -> str:
+        """Write the 95 % interval of the median, where there are enough values for one."""
+        found = time_statistics(values, [True] * len(values) if reached is None else reached)
+        if found is None or found['ci_low'] is None:
+            return NOTHING
+        if found['ci_high'] is None:
+            return f'from {self.show(found["ci_low"])}'
+        return f'{self._number(found["ci_low"])} to {self.show(found["ci_high"])}'
 
     def _number(self, value: float) -> str:
         return f'{self.factor * value:{self.form}}'

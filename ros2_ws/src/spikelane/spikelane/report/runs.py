@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.dqn_results import first_solved
+from spikelane.settling import has_settled, last_lane_loss_step
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.convergence import RateError
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.state import records
 from spikelane_controllers.training import Termination
 from spikelane_controllers.transfer import Measured
-from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.course import Course, load_course, scenario_course
 
 #: Stands for the scenario of laps on one of many random courses.
@@ -55,9 +55,12 @@ class Lap(Run):
 
     Attributes:
         lane: Its name.
+        training: What its weights are of: the checkpoint it drove with, '' for the usual one.
+            Laps of one training are not independent.
     """
 
     lane: str
+    training: str = ''
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,21 +80,12 @@ class TrainingRun(Run):
     @property
     def last_lane_loss_step(self) -> int:
         """Step of the last episode that ended with the lane lost, 0 where none did."""
-        lost = [e.step for e in self.terminations if e.reason == TERMINATED_LANE_LOST]
-        return lost[-1] if lost else 0
+        return last_lane_loss_step(self.terminations)
 
     @property
     def has_settled(self) -> bool:
-        """Whether every lane was lapped, or driven to the step limit, after that.
-
-        Twice where there is one lane: lanes take turns, and of a single lap it is not known.
-        """
-        full = [
-            each.lane
-            for each in self.terminations
-            if each.step > self.last_lane_loss_step and each.reason != TERMINATED_LANE_LOST
-        ]
-        return set(full) == {each.lane for each in self.terminations} and len(full) > 1
+        """Whether every lane was lapped, or driven to the step limit, after that."""
+        return has_settled(self.terminations)
 
     @property
     def solved_episode(self) -> int | None:

@@ -75,10 +75,14 @@ def _weights_of(config: Mapping[str, Any]) -> _Weights | None:
     """Return what a run drove with, or a transfer began with, None for nothing learnt."""
     if 'transfer' in config:
         return _Weights('dqn', str(config['checkpoint']))
-    controller = str(config.get('controller', ''))
-    values = config.get(controller)
-    checkpoint = values.get('checkpoint') if isinstance(values, Mapping) else None
-    return _Weights(controller, str(checkpoint)) if checkpoint else None
+    checkpoint = checkpoint_of(config)
+    return _Weights(str(config.get('controller', '')), checkpoint) if checkpoint else None
+
+
+def checkpoint_of(config: Mapping[str, Any]) -> str:
+    """Return the checkpoint that a controller drove with, '' for none given."""
+    values = config.get(str(config.get('controller', '')))
+    return str(values.get('checkpoint') or '') if isinstance(values, Mapping) else ''
 
 
 class _Learnt(NamedTuple):

@@ -1,22 +1,27 @@
-"""When a training had its first lap and drove stably, in steps of 50 ms for all controllers."""
+"""When a training had its first lap and drove stably, in steps of 50 ms for all controllers.
+
+A training that did not get there is censored: the time is when it was observed last without it.
+"""
 
 from __future__ import annotations
 
 import math
 
+from spikelane.figures.training_time import Time
 from spikelane.report.runs import course_of, TrainingRun
 from spikelane_sim.contract import STEP_S, TERMINATED_LAPS_COMPLETE
 
 
-def first_lap_step(run: TrainingRun) -> float | None:
-    """Return when the first lap was completed [steps of 50 ms], None where none was.
+def first_lap(run: TrainingRun) -> Time:
+    """Return when the first lap was completed [steps of 50 ms], or the training's end.
 
     DQN's episodes go on after a lap. Its robot drives at one speed, so that a lap is what an
     episode of the lane's length at that speed has.
     """
     if run.controller != 'dqn':
         laps = (e.step for e in run.terminations if e.reason == TERMINATED_LAPS_COMPLETE)
-        return next((float(step) for step in laps), None)
+        first = next(laps, None)
+        return Time(float(run.steps), False) if first is None else Time(float(first), True)
     course = course_of(run)
     radius_m = run.config['simulator']['robot.wheel_radius_m']
     per_step_m = run.config['dqn']['task.drive_rad_s'] * radius_m * STEP_S
@@ -24,15 +29,19 @@ def first_lap_step(run: TrainingRun) -> float | None:
     for episode in run.terminations:
         needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
         if episode.episode_steps >= needed:
-            return float(driven + needed)
+            return Time(float(driven + needed), True)
         driven += episode.episode_steps
-    return None
+    return Time(float(driven), False)
 
 
-def stable_step(run: TrainingRun) -> float | None:
-    """Return when it drove without losing the lane [steps of 50 ms], None where it never did."""
+def stable(run: TrainingRun) -> Time:
+    """Return from when it drove without losing the lane [steps of 50 ms].
+
+    Of R-STDP that is its last lane loss, which is censored where it has not settled; of DQN the
+    begin of the first three full episodes in a row, or the end of its last episode.
+    """
     if run.controller != 'dqn':
-        return float(run.last_lane_loss_step) if run.has_settled else None
-    if run.solved_episode is None:
-        return None
-    return float(sum(e.episode_steps for e in run.terminations[: run.solved_episode - 1]))
+        return Time(float(run.last_lane_loss_step), run.has_settled)
+    solved = run.solved_episode
+    before = run.terminations if solved is None else run.terminations[: solved - 1]
+    return Time(float(sum(e.episode_steps for e in before)), solved is not None)

@@ -1,0 +1,82 @@
+"""Runs that are laid together, what they are called, and the form of the report's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+import re
+from typing import Any, NamedTuple, TypeVar
+
+#: Order of the controllers, the paper's.
+ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
+_NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
+
+#: The lane on which the paper compares controllers.
+PAPER_LANE = 'outer'
+
+
+class Table(NamedTuple):
+    """A table of texts.
+
+    Attributes:
+        title: Above it.
+        note: Below it, '' for none.
+        header: Names of the columns.
+        rows: The cells.
+    """
+
+    title: str
+    note: str
+    header: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+class Key(NamedTuple):
+    """What runs that differ in nothing but the seed have in common."""
+
+    controller: str
+    scenario: str
+    setting: str
+
+    @property
+    def words(self) -> str:
+        """All of it in words."""
+        setting = f' ({self.setting})' if self.setting else ''
+        return f'{shown_name(self.controller)}, scenario {self.scenario}{setting}'
+
+
+def shown_name(controller: str) -> str:
+    """Return how the paper writes a controller's name, or the name where it has no such one."""
+    return _NAMES.get(controller, controller)
+
+
+def _place(key: Key) -> tuple[str, int, str, list[tuple[float, str]]]:
+    """Return what groups are sorted by; numbers in a setting by their value."""
+    known = ORDER.index(key.controller) if key.controller in ORDER else len(ORDER)
+    parts = re.split(r'(\d+(?:\.\d+)?)', key.setting)
+    setting = [(float(part), '') if part[:1].isdigit() else (-1.0, part) for part in parts]
+    return key.scenario, known, key.controller, setting
+
+
+R = TypeVar('R', bound=Any)
+
+
+def by_key(runs: Iterable[R]) -> dict[Key, list[R]]:
+    """Group runs that differ in nothing but the seed; scenario by scenario, the paper's order."""
+    groups: dict[Key, list[R]] = {}
+    for run in runs:
+        groups.setdefault(Key(run.controller, run.scenario, run.setting), []).append(run)
+    return {
+        key: sorted(groups[key], key=lambda run: run.seed) for key in sorted(groups, key=_place)
+    }
+
+
+def seeds_in_words(seeds: Sequence[int]) -> str:
+    """Return seeds in order, those in a row as a range: '0 to 2, 7'."""
+    ordered = sorted(set(seeds))
+    runs: list[list[int]] = []
+    for seed in ordered:
+        if runs and seed == runs[-1][-1] + 1:
+            runs[-1].append(seed)
+        else:
+            runs.append([seed])
+    return ', '.join(str(run[0]) if len(run) == 1 else f'{run[0]} to {run[-1]}' for run in runs)
