@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
 import statistics
@@ -29,3 +29,12 @@ def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
     if all(isinstance(value, int) for value in known):
         median = round(median)
     return f'{median:{form}}{unit} ({min(known):{form}} to {max(known):{form}})'
+
+
+def verdict(found: Mapping[str, Any] | None, aim: float) -> str:
+    """Say whether a value to be kept below an aim is, as far as its 95 % interval tells."""
+    if found is None or found['ci_low'] is None:
+        return 'too few to tell'
+    if found['ci_low'] > aim:
+        return 'no'
+    return 'yes' if found['ci_high'] is not None and found['ci_high'] <= aim else 'open'

@@ -237,8 +237,8 @@ def test_a_policy_that_is_not_transferred_drives_with_shipped_weights(tmp_path: 
     ]
 
 
-def test_the_experiment_on_rstdp_is_that_of_the_script() -> None:
-    """docs/results/rstdp.sh: SETTING SCENARIO STEPS of ten seeds, laps with seed 100 and on."""
+def test_the_experiment_on_rstdp_has_twenty_trainings_and_laps_with_other_seeds() -> None:
+    """As docs/results/rstdp.md has it; each training drives three seeds, each of them a lap."""
     root = Path(__file__).parents[3]
     plan = make_plan(read_experiment(root / 'experiments/rstdp.yaml'))
     trained = [run for run in plan.runs if run.task == 'train']
@@ -257,10 +257,12 @@ def test_the_experiment_on_rstdp_is_that_of_the_script() -> None:
         ('best', '2', 30_000),
         ('best', '3', 30_000),
     }
-    assert len(trained) == 60
+    assert len(trained) == 120
     evaluated = [run.identity['configuration'] for run in plan.runs if run.task == 'evaluate']
-    assert sorted(each['seed'] for each in evaluated) == sorted([*range(100, 110)] * 6)
-    assert {each['simulator']['episode.max_laps'] for each in evaluated} == {3}
+    assert sorted(each['seed'] for each in evaluated) == sorted([*range(1000, 1020)] * 6)
+    for each in evaluated:
+        assert each['evaluation']['seeds'] == 3
+        assert each['simulator']['episode.max_laps'] == 1
     assert {each['simulator']['robot.model'] for each in evaluated} == {'pybullet'}
 
 
