@@ -1,8 +1,19 @@
 """The exceptions that Spikelane raises for bad input; commands print them as one line."""
 
 
+def one_line(text: str) -> str:
+    """Return a text with names of others in it as one line that can be printed everywhere."""
+    if text.isprintable():
+        return text
+    return ''.join(
+        each if each.isprintable() else ' ' if each.isspace() else '\ufffd' for each in text
+    )
+
+
 class SpikelaneError(ValueError):
     """Something the user gave is wrong; the message names it, what was expected and what came.
+
+    The message is made one line, whatever is in the names and values that it has from files.
 
     Attributes:
         exit_status: Of a command that ends because of it: 2, wrong use; 1 for what failed though
@@ -10,6 +21,10 @@ class SpikelaneError(ValueError):
     """
 
     exit_status = 2
+
+    def __init__(self, message: str = '') -> None:
+        """Keep the message."""
+        super().__init__(one_line(message))
 
 
 class ParameterError(SpikelaneError):

@@ -77,7 +77,7 @@ def construct_yaml(node: yaml.Node) -> Any:
         value = loader.construct_document(node)
     except yaml.YAMLError as error:
         raise _yaml_error(error) from None
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:  # of `1:59:59.9` with very many parts, too
         raise ParseError(f'not YAML: {_reason(error)}') from None
     except (AttributeError, LookupError, TypeError):  # of PyYAML, for `!!timestamp foo`
         raise ParseError('not YAML: a value does not fit its tag') from None
@@ -167,7 +167,7 @@ def _check_yaml_depth(text: str, loader: Any) -> None:
         raise ParseError('not YAML: expected a text that UTF-8 can encode') from None
 
 
-def _reason(error: ValueError) -> str:
+def _reason(error: ValueError | OverflowError) -> str:
     reason = str(error)
     return 'a whole number of too many digits' if 'set_int_max_str_digits' in reason else reason
 

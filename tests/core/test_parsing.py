@@ -55,6 +55,7 @@ def test_aliases_that_multiply_are_refused(text: str) -> None:
     'text',
     [
         '!!timestamp foo',
+        '1:' + '59:' * 999 + '59.5',
         '!!int ""',
         '!!bool foo',
         '!!float ""',

@@ -393,6 +393,25 @@ def test_zeros_in_a_chunk_are_no_records(tmp_path: Path) -> None:
     assert reader.damage[0].endswith('there is no record of kind 0')
 
 
+def test_long_qos_profiles_are_not_parsed(tmp_path: Path) -> None:
+    """They would take minutes."""
+    file = database(tmp_path / 'a_0.db3', [b'1'])
+    with sqlite3.connect(file) as connection:
+        connection.execute('UPDATE topics SET offered_qos_profiles = ?', ('- a: 1\n' * 10**6,))
+    connection.close()
+    begin = time.monotonic()
+    with pytest.raises(BagError, match='its QoS profiles have 7000000 letters, at most 1048576'):
+        RecordedDrive(file)
+    assert time.monotonic() - begin < 10
+
+
+def test_names_of_topics_are_shown_on_one_line(tmp_path: Path) -> None:
+    """Whatever letters they have."""
+    bag = small_bag(tmp_path / 'bag', topic='/x\n\x1b[31m')
+    with pytest.raises(BagError, match=r'only /x \ufffd\[31m \(std_msgs/msg/Float64\)$'):
+        RecordedDrive(bag)
+
+
 def test_a_database_cannot_have_more_than_it_holds(tmp_path: Path) -> None:
     """As with a column that is computed."""
     file = database(tmp_path / 'a_0.db3', [b'1'] * 5)

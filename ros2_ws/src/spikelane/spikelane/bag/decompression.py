@@ -52,7 +52,8 @@ class Budget:
         Args:
             data: The piece.
             compression: '' for none, `zstd` or `lz4`.
-            size: Of what comes out [bytes], as the container says; None where it does not.
+            size: Of what comes out [bytes], as the container says; None where it does not, which
+                only zstd can do without.
 
         Raises:
             BudgetError: It would be too large.
@@ -69,8 +70,8 @@ class Budget:
                 content = b''
             else:
                 content = zstandard.ZstdDecompressor().decompress(data, expected)
-        elif compression == 'lz4':
-            content = self._decompress_lz4(data, PIECE_LIMIT if size is None else size)
+        elif compression == 'lz4' and size is not None:
+            content = self._decompress_lz4(data, size)
         elif compression:
             raise ValueError(f'expected compression zstd or lz4, got {compression!r}')
         else:
@@ -103,7 +104,7 @@ class Budget:
     def _decompress_lz4(self, data: bytes, size: int) -> bytes:
         import lz4.frame
 
-        self.spend(min(size, 255 * len(data) + _BLOCK) if size == PIECE_LIMIT else size)
+        self.spend(size)
         decompressor = lz4.frame.LZ4FrameDecompressor()
         # One byte more than it may have, to see that it is longer.
         return bytes(decompressor.decompress(data, max_length=size + 1))

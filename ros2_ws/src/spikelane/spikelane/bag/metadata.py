@@ -219,11 +219,11 @@ def _load(text: str, where: str) -> Any:
     try:
         return parse_yaml(text)
     except ParseError as error:
-        raise _no_metadata(where, str(error)) from None
+        line = '' if error.line is None else f', line {error.line}'
+        raise _no_metadata(where, f'{error}{line}') from None
 
 
 def _no_metadata(where: str, got: str) -> BagError:
-    got = ' '.join(got.split())
     return BagError(f'{where}: expected the metadata of a rosbag2 bag, got: {got}')
 
 

@@ -21,6 +21,7 @@ import zstandard
 
 from spikelane.bag.container import MAGIC
 from spikelane.bag.decompression import Budget, PIECE_LIMIT
+from spikelane_sim.errors import one_line
 
 _RECORD_HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<HIQQ')
@@ -216,7 +217,7 @@ class McapScan:
 
     def _report(self, offset: int, reason: str) -> None:
         if not self._bad_count:
-            self._bad_offset, self._bad_reason = offset, ' '.join(reason.split())
+            self._bad_offset, self._bad_reason = offset, one_line(' '.join(reason.split()))
         self._bad_count += 1
 
 

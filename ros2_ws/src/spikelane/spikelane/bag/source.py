@@ -20,7 +20,7 @@ import zstandard
 from spikelane.bag.decompression import Budget, PIECE_LIMIT, ZSTD_MAGIC
 from spikelane.bag.reader import BagReader
 from spikelane.bag.storage import locate
-from spikelane_sim.errors import BagError
+from spikelane_sim.errors import BagError, one_line
 
 _EVENT_PACKET = (
     'std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n'
@@ -40,7 +40,7 @@ DEFINITIONS = {
     ),
 }
 
-_TEXT_LIMIT = 1 << 20  # of a definition
+_TEXT_LIMIT = 1 << 20  # letters of a definition, or of all QoS profiles
 
 
 class SourceMessage(NamedTuple):
@@ -66,7 +66,7 @@ class Faults:
     def notes(self, what: str) -> list[str]:
         """Return a sentence for each topic."""
         return [
-            f'{topic}: {count} {what}: {" ".join(reason.split())}'
+            one_line(f'{topic}: {count} {what}: {" ".join(reason.split())}')
             for topic, (count, reason) in self._found.items()
         ]
 
@@ -134,7 +134,7 @@ class BagSource:
                     yield from self._database_messages(content, types)
             # What rosbags raises for a damaged file is not ours to list.
             except Exception as error:
-                reason = ' '.join(str(error).split()) or type(error).__name__
+                reason = one_line(' '.join(str(error).split())) or type(error).__name__
                 self.damage.append(f'{file.path.name}: cannot be read any further: {reason}')
 
     def read(self, message: SourceMessage) -> Any:
@@ -176,9 +176,10 @@ class BagSource:
         from rosbags.interfaces import MessageDefinitionFormat
         from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
+        _refuse_long_texts(database)
         size = database.stat().st_size
         # It is put into a URI as it is.
-        reader = Sqlite3Reader(Path(urllib.parse.quote(str(database.absolute()))))
+        reader = Sqlite3Reader(Path(_quoted(database)))
         reader.open()
         with contextlib.closing(reader):
             if reader.dbconn is not None:  # no blob is larger than the file that it is in
@@ -194,6 +195,32 @@ class BagSource:
                 if left < 0:
                     raise ValueError(f'it has more messages than {size} bytes can hold')
                 yield SourceMessage(connection.topic, connection.msgtype, log_ns, bytes(data))
+
+
+def _quoted(path: Path) -> str:
+    """Return a path as it has to stand in a URI."""
+    return urllib.parse.quote(str(path.absolute()))
+
+
+def _refuse_long_texts(database: Path) -> None:
+    """Raise where the QoS profiles would keep rosbags, which parses them all, for minutes.
+
+    Raises:
+        ValueError: They are too long.
+        apsw.Error: The database is damaged.
+    """
+    import apsw
+
+    uri = f'file:{_quoted(database)}?immutable=1'
+    flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
+    with contextlib.closing(apsw.Connection(uri, flags=flags)) as connection:
+        columns = [row[1] for row in connection.execute('PRAGMA table_info(topics)')]
+        if 'offered_qos_profiles' in columns:
+            query = 'SELECT total(length(offered_qos_profiles)) FROM topics'
+            length: Any = connection.execute(query).fetchall()[0][0]
+            if length > _TEXT_LIMIT:
+                limit = f'at most {_TEXT_LIMIT} are read'
+                raise ValueError(f'its QoS profiles have {length:.0f} letters, {limit}')
 
 
 @functools.cache

@@ -20,7 +20,7 @@ from spikelane.bag.container import MAGIC
 from spikelane.bag.decompression import Budget, BudgetError, first_bytes
 from spikelane.bag.foreign import foreign_format
 from spikelane.bag.metadata import FILE_NAME, NEWEST_VERSION, read_metadata, StoredMetadata
-from spikelane_sim.errors import BagError
+from spikelane_sim.errors import BagError, one_line
 
 _HEADS = {MAGIC: 'mcap', b'SQLite format 3\0': 'sqlite3'}
 _ENDINGS = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -222,8 +222,7 @@ def _hint(folder: Path) -> str:
 
 
 def _names(files: Sequence[Path | str]) -> str:
-    """Return the first names, in a form that can be printed everywhere."""
-    names = [PurePosixPath(file).name for file in files[:_NAMED]]
-    texts = [name.encode(errors='surrogateescape').decode(errors='replace') for name in names]
+    """Return the first names."""
+    names = [one_line(PurePosixPath(file).name) for file in files[:_NAMED]]
     more = f' and {len(files) - _NAMED} more' if len(files) > _NAMED else ''
-    return ', '.join(texts) + more
+    return ', '.join(names) + more
