@@ -51,25 +51,41 @@ class DqnSnnParameters(Parameters):
         high=1.0,
         source="the authors' program",
     )
+    event_value: float = parameter(
+        0.0,
+        'Value of an input for each event in its cell, up to 1; 0 for the scale of the training, '
+        "1 for the authors' driver, which does not scale.",
+        low=0.0,
+        high=1.0,
+    )
     encoding: FrameParameters = nested(FrameParameters)
     neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
     actions: ActionParameters = nested(ActionParameters)
 
 
-def input_values(counts: Counts, frames: int, scale: InputScale) -> NDArray[np.float32]:
-    """Return the inputs' values, such that on average they are those of the training.
+def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:
+    """Return the value of an input for each event in its cell.
+
+    Unless `event_value` is set, values are on average those of the training.
 
     Args:
-        counts: Events in each cell over the last `frames` steps, (rows, columns).
-        frames: How many steps are counted.
+        parameters: Of the controller.
         scale: Of the training: there a count over scale.frames steps is divided by its maximum.
+    """
+    return parameters.event_value or scale.frames / (parameters.encoding.frames * scale.maximum)
+
+
+def input_values(counts: Counts, per_event: float) -> NDArray[np.float32]:
+    """Return the inputs' values.
+
+    Args:
+        counts: Events in each cell over the last steps, (rows, columns).
+        per_event: As `value_per_event` returns it.
 
     Returns:
         Values from 0 to 1 in the order of rows, then columns, (rows * columns,).
     """
-    values: NDArray[np.float32] = np.minimum(
-        counts.ravel() * (scale.frames / (frames * scale.maximum)), 1.0
-    ).astype(np.float32)
+    values: NDArray[np.float32] = np.minimum(counts.ravel() * per_event, 1.0).astype(np.float32)
     return values
 
 
@@ -98,7 +114,7 @@ class DqnSnn:
         transferred = read_transferred(
             self.parameters.checkpoint, encoding.rows * encoding.columns, len(self.neurons)
         )
-        self._scale = transferred.scale
+        self._per_event = value_per_event(self.parameters, transferred.scale)
         self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
         self._image = StateImage(encoding)
         self.reset(np.random.default_rng(0))
@@ -119,7 +135,7 @@ class DqnSnn:
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation: its events drive the network for one step."""
         self._image.add(observation.events)
-        values = input_values(self._image.counts, self._image.parameters.frames, self._scale)
+        values = input_values(self._image.counts, self._per_event)
         inputs = input_spikes(values, self.parameters.neurons, self._rng)
         self._potentials, fired = self._network.run(self._potentials, inputs)
         hidden = len(fired.hidden)

@@ -13,7 +13,9 @@ Two things need care:
   neurons that are mostly inhibited then hardly ever fire; it has to raise potentials to `v_min`
   after each time step. Networks run with `neurons.clamped` false are exported as they are.
 
-What is around the network is in the metadata alone: how inputs are scaled, how actions chosen.
+What is around the network is in the metadata alone, from the sensor's pixels to the wheels'
+velocities: `docs/nir.md` describes every entry, so that the controller can be built from the file
+without this package. Whoever changes an entry changes that page and FORMAT_VERSION.
 """
 
 from __future__ import annotations
@@ -26,17 +28,22 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from spikelane_controllers.dqn_snn import DqnSnnParameters
+from spikelane_controllers.dqn_snn import DqnSnnParameters, value_per_event
+from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
 from spikelane_controllers.normalisation import GRID
-from spikelane_controllers.transferred import read_transferred, Transferred
+from spikelane_controllers.transferred import InputScale, read_transferred, Transferred
+from spikelane_sim.contract import STEP_S
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_bytes_atomically
-from spikelane_sim.task import ACTIONS
+from spikelane_sim.task import action_wheels, ACTIONS
 
 if TYPE_CHECKING:
     import nir
 
 NIR_VERSION = '1.0.8'
+
+#: Of the metadata, as `docs/nir.md` describes it.
+FORMAT_VERSION = 1
 
 
 class NirExportError(SpikelaneError):
@@ -108,21 +115,61 @@ def _neurons(nir: Any, number: int, threshold: float) -> nir.IF:
 
 
 def _metadata(transferred: Transferred, parameters: DqnSnnParameters) -> dict[str, Any]:
-    neurons, scale = parameters.neurons, transferred.scale
-    metadata: dict[str, Any] = {
+    metadata = {
+        'format': 'spikelane.dqn_snn',
+        'format_version': FORMAT_VERSION,
         'description': 'Spikelane DQN-SNN: Poisson inputs, one output neuron for each action',
+        **_inputs(transferred.scale, parameters),
+        **_time(parameters.neurons),
+        **_decision(parameters),
+    }
+    return metadata | ({'v_min': 0.0} if parameters.neurons.clamped else {})
+
+
+def _inputs(scale: InputScale, parameters: DqnSnnParameters) -> dict[str, Any]:
+    """Describe how events become the values of the inputs."""
+    encoding = parameters.encoding
+    return {
+        'sensor_width_px': encoding.width,
+        'sensor_height_px': encoding.height,
+        'crop_top_px': encoding.crop_top,
+        'crop_bottom_px': encoding.crop_bottom,
+        'cell_px': encoding.cell,
+        'input_rows': encoding.rows,
+        'input_columns': encoding.columns,
+        'input_order': 'rows from the top, in each row columns from the left',
+        'input_frames': encoding.frames,
+        'input_value_per_event': value_per_event(parameters, scale),
+        'scale_frames': scale.frames,
+        'scale_maximum': scale.maximum,
+    }
+
+
+def _time(neurons: IntegrateAndFireParameters) -> dict[str, Any]:
+    """Describe what happens in a time step."""
+    return {
+        'observation_period_s': STEP_S,
         'dt': neurons.step_ms / 1000,
         'time_steps_per_observation': neurons.steps,
         'input_max_rate_hz': neurons.max_rate_hz,
-        'input_frames': parameters.encoding.frames,
-        'input_rows': parameters.encoding.rows,
-        'input_columns': parameters.encoding.columns,
-        'scale_frames': scale.frames,
-        'scale_maximum': scale.maximum,
-        'actions': ' '.join(ACTIONS),
-        'trace_decay': parameters.trace_decay,
+        'input_spike_probability': neurons.probability,
+        'potential_update': 'weights of spikes and bias are added once in a time step',
+        'layer_order': 'a spike reaches the next layer in the same time step',
+        'initial_potential': 0.0,
     }
-    return metadata | ({'v_min': 0.0} if neurons.clamped else {})
+
+
+def _decision(parameters: DqnSnnParameters) -> dict[str, Any]:
+    """Describe how spikes become wheel velocities."""
+    wheels = [action_wheels(action, parameters.actions) for action in range(len(ACTIONS))]
+    return {
+        'actions': ' '.join(ACTIONS),
+        'initial_trace': 0.0,
+        'trace_decay': parameters.trace_decay,
+        'decision_rule': 'the largest trace, the first of equal ones',
+        'action_left_wheel_rad_s': [each.left for each in wheels],
+        'action_right_wheel_rad_s': [each.right for each in wheels],
+    }
 
 
 def _import_nir() -> Any:

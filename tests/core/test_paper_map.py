@@ -79,7 +79,7 @@ def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
 
 def test_the_map_is_found() -> None:
     """So that the tests below are about something."""
-    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (91, 2, 22)
+    assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (92, 2, 22)
 
 
 @pytest.mark.parametrize('row', [row for row in PARAMETERS if row not in CONSTANTS])

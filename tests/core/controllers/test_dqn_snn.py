@@ -10,7 +10,12 @@ from safetensors.numpy import load_file, save_file
 import yaml
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.dqn_snn import DqnSnn, DqnSnnParameters, input_values
+from spikelane_controllers.dqn_snn import (
+    DqnSnn,
+    DqnSnnParameters,
+    input_values,
+    value_per_event,
+)
 from spikelane_controllers.feedforward import FeedForward
 from spikelane_controllers.normalisation import normalise
 from spikelane_controllers.transferred import (
@@ -73,8 +78,20 @@ def test_a_value_of_one_is_what_makes_it_in_the_data_set() -> None:
     """There the largest count in ten frames was 40: 4 in each frame."""
     scale = InputScale(frames=10, maximum=40)
     counts = np.array([[0, 1], [4, 7]])
-    assert input_values(counts, 1, scale).tolist() == [0.0, 0.25, 1.0, 1.0]
-    assert input_values(counts, 10, scale).tolist() == pytest.approx([0, 0.025, 0.1, 0.175])
+    one, ten = (
+        value_per_event(DqnSnnParameters.from_mapping({'encoding.frames': frames}), scale)
+        for frames in (1, 10)
+    )
+    assert (one, ten) == (0.25, pytest.approx(0.025))
+    assert input_values(counts, one).tolist() == [0.0, 0.25, 1.0, 1.0]
+    assert input_values(counts, ten).tolist() == pytest.approx([0, 0.025, 0.1, 0.175])
+
+
+def test_counts_can_be_taken_without_a_scale() -> None:
+    """As the authors' driver does: an input with an event then fires in every time step."""
+    scale = InputScale(frames=10, maximum=40)
+    assert value_per_event(DqnSnnParameters(event_value=1.0), scale) == 1.0
+    assert input_values(np.array([[0, 1], [4, 7]]), 1.0).tolist() == [0.0, 1.0, 1.0, 1.0]
 
 
 def test_it_drives_towards_the_most_spikes(tmp_path: Path) -> None:

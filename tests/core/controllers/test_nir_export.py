@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
 import itertools
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
 import numpy as np
 import pytest
 
+from spikelane.lap import drive_lap, make_config
 from spikelane_controllers.dqn_snn import DqnSnn, DqnSnnParameters, input_values
 from spikelane_controllers.feedforward import FeedForward
 from spikelane_controllers.integrate_and_fire import (
@@ -21,9 +24,11 @@ from spikelane_controllers.nir_export import export_nir, NirExportError
 from spikelane_controllers.normalisation import normalise
 from spikelane_controllers.spiking import SPIKE_DTYPE
 from spikelane_controllers.transferred import InputScale, Transferred, write_transferred
+from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import StateImage
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
+READER = Path(__file__).with_name('nir_reader.py')
 INPUTS, HIDDEN, STEPS = 512, 50, 400
 
 
@@ -148,8 +153,7 @@ def test_norse_fires_as_the_shipped_network_does_on_the_road(tmp_path: Path) -> 
         observation = simulator.reset('outer', 1)
         for _ in range(100):
             image.add(observation.events)
-            scale = InputScale(graph.metadata['scale_frames'], graph.metadata['scale_maximum'])
-            values = input_values(image.counts, graph.metadata['input_frames'], scale)
+            values = input_values(image.counts, graph.metadata['input_value_per_event'])
             raster = np.zeros((graph.metadata['time_steps_per_observation'], INPUTS), bool)
             drawn = input_spikes(values, controller.parameters.neurons, rng)
             raster[drawn['step'], drawn['source']] = True
@@ -159,6 +163,90 @@ def test_norse_fires_as_the_shipped_network_does_on_the_road(tmp_path: Path) -> 
     theirs = norse_spikes(graph, np.vstack(rows), float(graph.metadata['v_min']))
     assert sum(map(sum, ours)) > 3
     assert theirs.reshape(100, 10, 3).sum(axis=1).tolist() == [list(each) for each in ours]
+
+
+def reader(path: Path, generator: np.random.Generator) -> Any:
+    """Read a file by the reader that was written from the page."""
+    spec = importlib.util.spec_from_file_location('nir_reader', READER)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Reader(path, generator)
+
+
+@pytest.mark.parametrize(
+    ('lane', 'values'),
+    [
+        ('outer', {}),
+        ('inner', {'encoding.frames': 3, 'trace_decay': 0.7, 'actions.turn_rad_s': 0.3}),
+    ],
+)
+def test_a_reader_written_from_the_page_drives_the_same_lap(
+    tmp_path: Path, lane: str, values: dict[str, Any]
+) -> None:
+    """A whole lap of scenario 1, of which every answer is that of the controller, bit for bit."""
+    export_nir(tmp_path / 'lane.nir', DqnSnnParameters.from_mapping(values))
+    parameters = {
+        'simulator.robot.model': 'kinematic',
+        **{f'dqn_snn.{name}': value for name, value in values.items()},
+    }
+    config = make_config('1', 'dqn_snn', lane, 4, 'inprocess', parameters)
+    ours = drive_lap(config, lambda *_: None).trajectory
+    theirs = reader(tmp_path / 'lane.nir', np.random.default_rng([4, 1, 1]))
+    distances = []
+    with Simulator(SimulatorParameters.from_mapping({'robot.model': 'kinematic'})) as simulator:
+        observation = simulator.reset(lane, 4)
+        while True:
+            distances.append(observation.lane.distance_m)
+            wheels = theirs.answer(observation.events['x'], observation.events['y'])
+            if observation.lane.terminated:
+                break
+            observation = simulator.step(WheelVelocities(*wheels))
+    assert observation.lane.laps == 1
+    assert len(distances) > 5000
+    assert distances == ours.distance_m.tolist()
+
+
+def test_the_reader_needs_nothing_of_spikelane() -> None:
+    """It imports NIR and NumPy alone."""
+    source = READER.read_text('utf-8')
+    imported = re.findall(r'^(?:import|from) (\w+)', source, re.M)
+    assert set(imported) == {'__future__', 'pathlib', 'typing', 'nir', 'numpy'}
+
+
+def test_the_page_describes_every_entry_of_the_metadata(tmp_path: Path) -> None:
+    """And no other ones."""
+    page = (Path(__file__).parents[3] / 'docs/nir.md').read_text('utf-8')
+    table = page[page.index('## The metadata') : page.index('## The controller, step by step')]
+    rows = re.findall(r'^\| (`.+?) \|', table, re.M)
+    described = {name for row in rows for name in re.findall(r'`(\w+)`', row)}
+    graph, _ = exported(tmp_path, drawn_network(0))
+    assert described == set(graph.metadata)
+
+
+def test_the_metadata_has_what_is_around_the_network(tmp_path: Path) -> None:
+    """From the sensor to the wheels, with the paper's values."""
+    graph, _ = exported(tmp_path, drawn_network(0))
+    expected = {
+        'format_version': 1,
+        'sensor_width_px': 128,
+        'sensor_height_px': 128,
+        'crop_top_px': 40,
+        'crop_bottom_px': 24,
+        'cell_px': 4,
+        'input_rows': 16,
+        'input_columns': 32,
+        'observation_period_s': 0.05,
+        'input_frames': 1,
+        'input_value_per_event': 0.25,
+        'input_spike_probability': 1.0,
+        'initial_potential': 0.0,
+        'initial_trace': 0.0,
+    }
+    assert {name: graph.metadata[name] for name in expected} == expected
+    assert graph.metadata['action_left_wheel_rad_s'].tolist() == [0.75, 1.0, 1.25]
+    assert graph.metadata['action_right_wheel_rad_s'].tolist() == [1.25, 1.0, 0.75]
 
 
 def test_where_nothing_inhibits_the_lowest_potential_makes_no_difference(tmp_path: Path) -> None:
