@@ -11,11 +11,11 @@ from pathlib import Path
 import sys
 from typing import Any, NamedTuple
 
-from tables import print_row, read_json, verdict
+from tables import print_row, read_json, share_in_words, verdict
 
 from spikelane.report.quantities import COUNT, METRES, Quantity
 from spikelane.settling import has_settled, last_lane_loss_step
-from spikelane.statistics import mean_statistics, share_statistics, time_statistics
+from spikelane.statistics import mean_statistics, time_statistics
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.training import Termination
 
@@ -105,7 +105,7 @@ def print_summary(scenarios: dict[str, list[Run]]) -> None:
             f'{sum(run.has_settled for run in runs)}',
             COUNT.median(*times(runs)),
             COUNT.median_interval(*times(runs)),
-            _share(sum(run.succeeds for run in driven), len(driven)),
+            share_in_words(sum(run.succeeds for run in driven), len(driven)) if driven else '—',
             _CORRELATION.median(correlations),
         )
     print()
@@ -170,13 +170,6 @@ def print_seeds(scenarios: dict[str, list[Run]]) -> None:
                 print(f'Lane lost with learning off, training of seed {run.seed}: ', end='')
                 print(f'{", ".join(lost)}.')
     print()
-
-
-def _share(successes: int, n: int) -> str:
-    if not n:
-        return 'not driven'
-    share = share_statistics(successes, n)
-    return f'{successes} of {n} ({share["ci_low"]:.0%} to {share["ci_high"]:.0%})'
 
 
 if __name__ == '__main__':

@@ -8,6 +8,8 @@ from pathlib import Path
 import statistics
 from typing import Any
 
+from spikelane.statistics import share_statistics
+
 
 def read_json(path: Path) -> dict[str, Any]:
     """Return what a command printed, or nothing where it has not run yet."""
@@ -31,10 +33,25 @@ def spread(values: Sequence[float | None], form: str, unit: str = '') -> str:
     return f'{median:{form}}{unit} ({min(known):{form}} to {max(known):{form}})'
 
 
-def verdict(found: Mapping[str, Any] | None, aim: float) -> str:
-    """Say whether a value to be kept below an aim is, as far as its 95 % interval tells."""
-    if found is None or found['ci_low'] is None:
+def verdict(found: Mapping[str, Any] | None, aim: float, at_least: bool = False) -> str:
+    """Say whether an aim is reached, as far as the 95 % interval of a value tells.
+
+    Args:
+        found: `ci_low` and `ci_high`, either of them None where there is none.
+        aim: What the value is to be at most.
+        at_least: Whether it is to be at least that instead.
+    """
+    low, high = (None, None) if found is None else (found['ci_low'], found['ci_high'])
+    if low is None:
         return 'too few to tell'
-    if found['ci_low'] > aim:
-        return 'no'
-    return 'yes' if found['ci_high'] is not None and found['ci_high'] <= aim else 'open'
+    is_below = high is not None and high <= aim
+    is_above = low >= aim
+    if not is_below and not is_above:
+        return 'open'
+    return 'yes' if is_above == at_least else 'no'
+
+
+def share_in_words(successes: int, n: int) -> str:
+    """Return a share of independent units, with its 95 % interval (Wilson's)."""
+    share = share_statistics(successes, n)
+    return f'{successes} of {n} ({share["ci_low"]:.0%} to {share["ci_high"]:.0%})'
