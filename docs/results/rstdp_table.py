@@ -28,6 +28,10 @@ AIMS = {
     'best': {'1': (2_500, None), '2': (2_500, None), '3': (12_000, None)},
 }
 
+#: A lap that strays farther from its lane's centre is no success [m]: trainings are reset there.
+#: The drive itself ends at 0.5 m only.
+STRAYED_M = 0.2
+
 _CORRELATION = Quantity('.2f', low=-1.0, high=1.0)
 
 
@@ -51,17 +55,22 @@ class Run(NamedTuple):
 
     @property
     def succeeds(self) -> bool:
-        """Whether every lap with learning off was completed."""
-        return all(lap['completed'] for lap in self.laps)
+        """Whether every lap with learning off was kept in its lane."""
+        return all(map(is_kept, self.laps))
 
     def error_m(self, lane: str) -> float | None:
-        """Mean distance from the lane's centre over the completed laps of a lane."""
+        """Mean distance from the lane's centre over the laps kept in a lane."""
         errors_m = [
             float(lap['mean_abs_distance_m'])
             for lap in self.laps
-            if lap['lane'] == lane and lap['completed']
+            if lap['lane'] == lane and is_kept(lap)
         ]
         return sum(errors_m) / len(errors_m) if errors_m else None
+
+
+def is_kept(lap: dict[str, Any]) -> bool:
+    """Return whether a lap was completed and never left its lane."""
+    return bool(lap['completed']) and float(lap['max_abs_distance_m']) <= STRAYED_M
 
 
 def main() -> None:
@@ -109,14 +118,14 @@ def print_summary(scenarios: dict[str, list[Run]]) -> None:
             _CORRELATION.median(correlations),
         )
     print()
-    print_row('scenario', 'lane', 'laps completed', 'mean error ± s (95 %)', 'median (range)')
+    print_row('scenario', 'lane', 'laps kept', 'mean error ± s (95 %)', 'median (range)')
     print_row(*['---'] * 5)
     for name, runs in scenarios.items():
         for lane in LANES:
             laps = [lap for run in runs for lap in run.laps if lap['lane'] == lane]
             errors_m = known_errors_m(runs, lane)
             print_row(
-                *(name, lane, f'{sum(lap["completed"] for lap in laps)} of {len(laps)}'),
+                *(name, lane, f'{sum(map(is_kept, laps))} of {len(laps)}'),
                 *(METRES.mean(errors_m), METRES.median(errors_m)),
             )
     print()
@@ -128,7 +137,7 @@ def times(runs: Sequence[Run]) -> tuple[list[int], list[bool]]:
 
 
 def known_errors_m(runs: Sequence[Run], lane: str) -> list[float]:
-    """Return the error of each training that completed a lap of a lane."""
+    """Return the error of each training that kept a lap of a lane."""
     return [error_m for run in runs if (error_m := run.error_m(lane)) is not None]
 
 
@@ -162,12 +171,10 @@ def print_seeds(scenarios: dict[str, list[Run]]) -> None:
         print(f'Scenario {name}, last lane loss by seed: {", ".join(losses)}.')
         for run in runs:
             lost = [
-                f'{lap["lane"]} with seed {lap["seed"]}'
-                for lap in run.laps
-                if not lap['completed']
+                f'{lap["lane"]} with seed {lap["seed"]}' for lap in run.laps if not is_kept(lap)
             ]
             if lost:
-                print(f'Lane lost with learning off, training of seed {run.seed}: ', end='')
+                print(f'Lane left with learning off, training of seed {run.seed}: ', end='')
                 print(f'{", ".join(lost)}.')
     print()
 
