@@ -8,7 +8,9 @@ setup(
     name='spikelane_sim',
     version='0.1.0',
     packages=find_packages(),
-    package_data={'spikelane_sim': ['py.typed', 'courses/*.yaml', 'robots/*.urdf']},
+    package_data={
+        'spikelane_sim': ['py.typed', 'courses/*.yaml', 'robots/*.urdf', 'nodes/fastdds/*.xml']
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane_sim']),
         ('share/spikelane_sim', ['package.xml']),

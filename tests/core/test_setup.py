@@ -314,7 +314,9 @@ def test_the_environment_is_the_same_when_sourced_twice(tree: Path) -> None:
             f'./.venv/{site}/ros_rcl.libs',
         ],
         'PYTHONPATH': ['./ros2_ws/build/spikelane_sim', f'./ros2_ws/install/{site}'],
-        'FASTRTPS_DEFAULT_PROFILES_FILE': ['./ros2_ws/src/spikelane/config/fastdds.xml'],
+        'FASTRTPS_DEFAULT_PROFILES_FILE': [
+            './sim_bridge/spikelane_sim/nodes/fastdds/spikelane_loopback.xml'
+        ],
     }
     assert variables['_ROS_WHEELS_BOOTSTRAP_COMPLETE'] == '1'
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
+import os
 import signal
 import socket
 import sys
@@ -24,6 +25,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.nodes.network import network_variables
 
 _LOOK_EVERY_S = 0.5  # whether the middleware was shut down
 _DELIVERY_S = 8.0  # Fast DDS has 3 s between heartbeats, and a busy machine may need two
@@ -53,12 +55,15 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
         came before it was.
     """
     try:
+        os.environ |= network_variables(os.environ)
         with _signals_held_back():
             ending = _Ending()
             # rclpy's own handlers would shut down before what was published has arrived, and a
             # KeyboardInterrupt could come amid anything.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             executor = SingleThreadedExecutor()
+    except SpikelaneError as error:
+        return _refuse(str(error))
     except RuntimeError as error:  # of several kinds: arguments or a parameter file it cannot read
         return _refuse(' '.join(str(error).split()))
     node = None

@@ -21,6 +21,7 @@ from spikelane.interruption import check
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
 from spikelane_sim.files import write_yaml
+from spikelane_sim.nodes.network import network_variables, RANGE
 
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
@@ -36,7 +37,8 @@ def own_domain() -> Iterator[dict[str, str]]:
     """
     before = dict(os.environ)
     with domain_id() as domain:
-        own = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        own = {'ROS_DOMAIN_ID': str(domain), RANGE: 'LOCALHOST'}
+        own |= network_variables(os.environ | own)
         # The supervisor reads them in this process, else it would meet other machines' nodes.
         os.environ |= own
         try:

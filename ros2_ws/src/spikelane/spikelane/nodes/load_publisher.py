@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import array
 import json
+import os
 import sys
 import time
 
 import rclpy
 from rclpy.duration import Duration
 from std_msgs.msg import UInt8MultiArray
+
+from spikelane_sim.nodes.network import network_variables
 
 _MATCH_TIMEOUT_S = 20.0
 
@@ -23,6 +26,7 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         0; 1 if nobody subscribed.
     """
+    os.environ |= network_variables(os.environ)
     rclpy.init(args=args)
     node = rclpy.create_node('load_publisher')
     rate = node.declare_parameter('rate', 1000.0).value

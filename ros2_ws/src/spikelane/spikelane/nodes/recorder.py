@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import datetime
 import functools
 import importlib
+import os
 from pathlib import Path
 import signal
 import sys
@@ -34,6 +35,7 @@ from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
 from spikelane_sim.nodes.direct import NotForExecutors
+from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -312,6 +314,11 @@ def main(args: list[str] | None = None) -> int:
     stop = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop.ask_for)
+    try:
+        os.environ |= network_variables(os.environ)
+    except SpikelaneError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         return _record(stop)
