@@ -66,6 +66,7 @@ class LaneState(NamedTuple):
 TERMINATED_LANE_LOST = 'lane_lost'
 TERMINATED_LAPS_COMPLETE = 'laps_complete'
 TERMINATED_STEP_LIMIT = 'step_limit'
+TERMINATED_NO_PROGRESS = 'no_progress'
 
 
 class Observation(NamedTuple):

@@ -14,6 +14,7 @@ from spikelane_sim.contract import (
     LaneState,
     Observation,
     TERMINATED_LANE_LOST,
+    TERMINATED_NO_PROGRESS,
     WheelVelocities,
 )
 from spikelane_sim.course import scenario_course
@@ -27,6 +28,9 @@ from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import parameter
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters, lane_centre_reward
+
+#: Reasons of an episode's end for which it counts as no success.
+_FAILURES = (TERMINATED_LANE_LOST, TERMINATED_NO_PROGRESS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +64,9 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
     Begins at a lane's start: the lane in `reset(options={'lane': ...})`, otherwise the course's
     first after a reset with a seed and then the next in turn. Terminated when the robot is
     farther than `simulator.episode.max_distance_m` from the lane's centre; truncated after
-    `task.max_actions` actions. Laps do not end it.
+    `task.max_actions` actions. Laps do not end it. It can also be truncated where the robot
+    makes no progress: `simulator={'episode.no_progress_steps': 600}`. `info['lane_state'].reason`
+    says why the simulator ended an episode.
     """
 
     metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 2}  # noqa: RUF012
@@ -178,7 +184,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         return count_events(self._last.events, self._cells)
 
     def _info(self, lane: LaneState) -> dict[str, Any]:
-        return {'lane_state': lane, 'is_success': lane.reason != TERMINATED_LANE_LOST}
+        return {'lane_state': lane, 'is_success': lane.reason not in _FAILURES}
 
     def _make_observation_space(self) -> spaces.Box:
         if self._is_image:

@@ -20,6 +20,7 @@ from spikelane_sim.contract import (
     STEP_NS,
     TERMINATED_LANE_LOST,
     TERMINATED_LAPS_COMPLETE,
+    TERMINATED_NO_PROGRESS,
     TERMINATED_STEP_LIMIT,
     WheelVelocities,
 )
@@ -46,6 +47,16 @@ class EpisodeParameters(Parameters):
     max_steps: int = parameter(
         0, 'Steps of 50 ms after which the episode ends; 0: never.', low=0, high=2**31 - 1
     )
+    no_progress_steps: int = parameter(
+        0,
+        'The episode ends when the farthest progress along the lane has grown by less than '
+        'min_progress_m within this many steps of 50 ms; 0: never.',
+        low=0,
+        high=2**31 - 1,
+    )
+    min_progress_m: float = parameter(
+        0.1, 'See no_progress_steps.', unit='m', low=0.001, high=1000.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +71,13 @@ class SimulatorParameters(Parameters):
     camera: CameraParameters = nested(CameraParameters)
     pixels: PixelParameters = nested(PixelParameters)
     link: LinkParameters = nested(LinkParameters)
+
+
+class _Farthest(NamedTuple):
+    """The last progress along the lane that counted as progress, and when it was reached."""
+
+    progress_m: float
+    step: int
 
 
 class CommandCounts(NamedTuple):
@@ -94,6 +112,7 @@ class Simulator:
         self._seed = 0
         self._episode = 0
         self._lane_state: LaneState | None = None
+        self._farthest = _Farthest(0.0, 0)
 
     def __enter__(self) -> Simulator:
         """Return the simulator; leaving the block closes it."""
@@ -203,6 +222,7 @@ class Simulator:
         self._pixels.reset(simulator_rng(self._seed, self._episode))
         self._link.reset(link_rng(self._seed, self._episode))
         self._lane_state = self._lane_state_at_start(lane)
+        self._farthest = _Farthest(0.0, 0)
         return self._observe(self._pose_now()[None])
 
     def step(self, wheels: WheelVelocities) -> Observation:
@@ -222,6 +242,8 @@ class Simulator:
         progress_m = advance(lane.length_m, last.position_m, point.position_m, last.progress_m)
         laps = max(last.laps, math.floor(progress_m / lane.length_m))
         step = last.step + 1
+        if progress_m >= self._farthest.progress_m + self.parameters.episode.min_progress_m:
+            self._farthest = _Farthest(progress_m, step)
         reason = self._reason_to_end(abs(point.distance_m), laps, step)
         self._lane_state = LaneState(
             lane=last.lane,
@@ -276,6 +298,8 @@ class Simulator:
             return TERMINATED_LAPS_COMPLETE
         if limits.max_steps and step >= limits.max_steps:
             return TERMINATED_STEP_LIMIT
+        if limits.no_progress_steps and step - self._farthest.step >= limits.no_progress_steps:
+            return TERMINATED_NO_PROGRESS
         return ''
 
     def _running_lane_state(self) -> LaneState:

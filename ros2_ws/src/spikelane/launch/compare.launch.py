@@ -8,6 +8,7 @@ Each has a simulator of its own. All ends by itself when all laps are over.
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
+from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
 from spikelane_controllers.registry import controller_names
 
@@ -46,6 +47,7 @@ def start(context: LaunchContext) -> list:
     lap = {
         'lane': arguments.text('lane'),
         'episode.max_steps': arguments.number('max_steps'),
+        'episode.no_progress_steps': NO_PROGRESS_STEPS,
         'end_after_episodes': 1,
     }
     pairs = [

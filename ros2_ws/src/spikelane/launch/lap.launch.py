@@ -6,6 +6,7 @@ ros2 launch spikelane lap.launch.py scenario:=2 controller:=rstdp seed:=1 bag:=m
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
+from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
 
 
@@ -30,6 +31,7 @@ def start(context: LaunchContext) -> list:
     lap = {
         'lane': arguments.text('lane'),
         'episode.max_steps': arguments.number('max_steps'),
+        'episode.no_progress_steps': NO_PROGRESS_STEPS,
         'end_after_episodes': 1,
     }
     driving = [

@@ -123,8 +123,10 @@ def make_config(
     parts = {field.name: getattr(one, field.name) for field in dataclasses.fields(Configuration)}
     given = EvaluationParameters.from_mapping(evaluation, 'evaluation')
     config = EvaluateConfig(evaluation=given, **parts)
-    list(config.laps())  # finds out what cannot be driven before anything is
-    return config
+    # This also finds out what cannot be driven before anything is.
+    length_m = max(each.length_m for each in config.laps())
+    limited = lap.limit_drive(config.simulator, parameters, length_m)
+    return dataclasses.replace(config, simulator=limited)
 
 
 def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 import dataclasses
+import math
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
@@ -22,7 +23,13 @@ from spikelane_controllers.operations import Operations, sum_operations
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
 from spikelane_sim.course import course_label, load_course, scenario_course
-from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+#: Ends a drive that makes no progress: less than 0.1 m farther within 30 s.
+NO_PROGRESS_STEPS = 600
+
+#: The time limit of a lap is what this speed needs, a seventh of the usual one [m/s].
+SLOWEST_M_S = 0.02
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
 Show = Callable[[int, float], None]
@@ -65,6 +72,8 @@ def make_config(
     """Make the configuration of a lap: see `configure`; no lane is the course's first.
 
     A controller that learns has the weights shipped for the scenario unless others are given.
+    Unless other limits are given, the drive ends where the robot makes no progress, and after the
+    time that the course's longest lane takes at a slow speed (`limit_drive`).
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
@@ -73,7 +82,28 @@ def make_config(
     parts = configure(scenario, controller, seed, transport, parameters)
     course = load_course(parts['simulator'].course)
     lane = course.lane(lane).name if lane else next(iter(course.lanes))
+    length_m = max(each.length_m for each in course.lanes.values())
+    parts['simulator'] = limit_drive(parts['simulator'], parameters, length_m)
     return LapConfig(lane=lane, **parts)
+
+
+def limit_drive(
+    simulator: SimulatorParameters, given: Collection[str], length_m: float
+) -> SimulatorParameters:
+    """Return a simulator's parameters with limits that end every drive of some laps.
+
+    Args:
+        simulator: The parameters.
+        given: Names of the parameters that were given: their limits are kept.
+        length_m: Of one lap.
+    """
+    episode = simulator.episode
+    steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * STEP_S))
+    limits = {'max_steps': min(steps, 2**31 - 1), 'no_progress_steps': NO_PROGRESS_STEPS}
+    missing = {
+        name: value for name, value in limits.items() if f'simulator.episode.{name}' not in given
+    }
+    return dataclasses.replace(simulator, episode=dataclasses.replace(episode, **missing))
 
 
 def default_weights(scenario: str, controller: str) -> dict[str, Any]:

@@ -15,7 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.trajectory import Trajectory, TrajectoryError
-from spikelane_sim.contract import TERMINATED_LANE_LOST
+from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_NO_PROGRESS
+
+#: Reasons of an episode's end for which no lap counts as completed.
+_FAILURES = (TERMINATED_LANE_LOST, TERMINATED_NO_PROGRESS)
 
 
 def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
@@ -26,7 +29,8 @@ def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
         step_s: Simulated time of a step [s].
 
     Returns:
-        completed: Whether a lap was, and the lane not lost after it.
+        completed: Whether a lap was, and the drive neither lost the lane nor stopped making
+            progress after it.
         reason: Why the episode ended, '' where it had not.
         laps: Completed laps.
         steps: Steps driven.
@@ -50,7 +54,7 @@ def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
     mean = _mean(distances)
     progress_m = float(trajectory.progress_m[-1] - trajectory.progress_m[0])
     return {
-        'completed': bool(trajectory.laps[-1] > 0) and trajectory.reason != TERMINATED_LANE_LOST,
+        'completed': bool(trajectory.laps[-1] > 0) and trajectory.reason not in _FAILURES,
         'reason': trajectory.reason,
         'laps': int(trajectory.laps[-1]),
         'steps': steps,
