@@ -27,6 +27,7 @@ from spikelane_sim.ground import Ground, make_ground
 from spikelane_sim.random_course import draw_records, is_random, PREFIX
 from spikelane_sim.raster import are_painted
 
+_AREA_STEP_M = 0.1
 _COURSES = Path(__file__).parent / 'courses'
 
 
@@ -50,6 +51,19 @@ class Pose(NamedTuple):
     x_m: float
     y_m: float
     heading_rad: float  # from the x axis, left positive, [-pi, pi)
+
+
+class Area(NamedTuple):
+    """A rectangle in the world frame."""
+
+    x_min_m: float
+    y_min_m: float
+    x_max_m: float
+    y_max_m: float
+
+    def contains(self, x_m: float, y_m: float) -> bool:
+        """Return whether a point is in it; none that is not finite is."""
+        return self.x_min_m <= x_m <= self.x_max_m and self.y_min_m <= y_m <= self.y_max_m
 
 
 class LanePoint(NamedTuple):
@@ -163,6 +177,18 @@ class Course:
             return LanePoint(*curves.nearest_on_curve(centre, *(c.item() for c in columns)))
         found = curves.nearest_on_curve_many(centre, x.ravel(), y.ravel(), heading.ravel())
         return LanePoints(*(column.reshape(x.shape) for column in found))
+
+    def area(self, margin_m: float) -> Area:
+        """Return the rectangle around the road, with a margin on all sides.
+
+        Args:
+            margin_m: Between the road's edge and the rectangle.
+        """
+        points = self.outline(0.0, _AREA_STEP_M)
+        # Between two points the road's centre line is at most half their distance farther out.
+        beyond_m = self.road_width_m / 2 + _AREA_STEP_M / 2 + margin_m
+        low, high = points.min(axis=0) - beyond_m, points.max(axis=0) + beyond_m
+        return Area(*low.tolist(), *high.tolist())
 
     def section_name(self, lane: str, index: int) -> str:
         """Return the name of a lane's section, 'A' to 'F' on the paper's course."""

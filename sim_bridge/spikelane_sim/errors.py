@@ -41,6 +41,16 @@ class PacketError(SpikelaneError):
     exit_status = 1
 
 
+class PoseError(SpikelaneError):
+    """The robot cannot be where it is to be placed."""
+
+
+class MessageError(SpikelaneError):
+    """A field of a message has a value that is not allowed."""
+
+    exit_status = 1
+
+
 class BagError(SpikelaneError):
     """A bag cannot be read or written."""
 

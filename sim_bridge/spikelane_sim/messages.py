@@ -5,19 +5,41 @@ Only the names of the fields matter here, so that bags can be read where there i
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from spikelane_sim.contract import LaneState, WheelVelocities
+from spikelane_sim.errors import MessageError
 from spikelane_sim.sensor import ReceivedPacket
+
+_SECOND_NS = 1_000_000_000
 
 
 def to_stamp_ns(time: Any) -> int:
-    """Return the stamp [ns] of a builtin_interfaces/Time."""
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+    """Return the stamp [ns] of a builtin_interfaces/Time.
+
+    Raises:
+        MessageError: The stamp is not normalised: a second or more is in its nanoseconds.
+    """
+    nanoseconds = int(time.nanosec)
+    if nanoseconds >= _SECOND_NS:
+        raise MessageError(f'stamp: expected nanosec below {_SECOND_NS}, got {nanoseconds}')
+    return int(time.sec) * _SECOND_NS + nanoseconds
 
 
 def lane_state_from_message(message: Any) -> LaneState:
-    """Return what a spikelane_msgs/LaneState says."""
+    """Return what a spikelane_msgs/LaneState says.
+
+    Raises:
+        MessageError: A number is not finite.
+    """
+    # A sum is finite only where all its terms are, and one test costs less than four.
+    total = message.distance + message.heading_error + message.position + message.progress
+    if not math.isfinite(total):
+        raise MessageError(
+            'lane state: expected finite distance, heading_error, position and progress, got '
+            f'{message.distance}, {message.heading_error}, {message.position}, {message.progress}'
+        )
     return LaneState(
         lane=message.lane,
         distance_m=message.distance,

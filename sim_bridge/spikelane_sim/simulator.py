@@ -25,11 +25,16 @@ from spikelane_sim.contract import (
     WheelVelocities,
 )
 from spikelane_sim.course import advance, load_course
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import PoseError, SpikelaneError
 from spikelane_sim.link import Link, LinkParameters
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.pixels import make_pixel_model, PixelParameters
 from spikelane_sim.robots import make_robot, RobotParameters
+
+#: How far beyond the rectangle around the road a robot can be placed.
+AREA_MARGIN_M = 10.0
+
+_LAST_EPISODE = 2**32 - 1  # as a message can name it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +107,7 @@ class Simulator:
         """
         self.parameters = parameters or SimulatorParameters()
         self.course = load_course(self.parameters.course)
+        self._area = self.course.area(AREA_MARGIN_M)
         self.command_counts = CommandCounts()
         camera = self.parameters.camera
         self._pixels = make_pixel_model(self.parameters.pixels, camera.width, camera.height)
@@ -205,12 +211,15 @@ class Simulator:
             from_time_zero: Simulation time begins again as well; otherwise it goes on.
 
         Raises:
-            SpikelaneError: No such lane, or a negative seed.
+            SpikelaneError: No such lane, a negative seed, or no such number of an episode.
         """
         if seed is not None and seed < 0:
             raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
-        if episode < 1:
-            raise SpikelaneError(f'episode: expected a whole number of at least 1, got {episode}')
+        next_episode = self._episode + 1 if seed is None else episode
+        if not 1 <= next_episode <= _LAST_EPISODE:
+            raise SpikelaneError(
+                f'episode: expected a number from 1 to {_LAST_EPISODE}, got {next_episode}'
+            )
         lane = self._next_lane(seed is not None) if lane is None else lane
         start = self.course.lane(lane).start
         if seed is not None:
@@ -263,10 +272,23 @@ class Simulator:
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Move the robot elsewhere, at rest, within the episode; its progress is kept.
 
+        Args:
+            x_m: Position, at most AREA_MARGIN_M from the rectangle around the road.
+            y_m: Position.
+            heading_rad: Heading, finite.
+
         Raises:
+            PoseError: The pose is not finite, or too far from the road.
             SpikelaneError: The episode is over, or none has begun.
         """
         last = self._running_lane_state()
+        if not (math.isfinite(heading_rad) and self._area.contains(x_m, y_m)):
+            area = self._area
+            raise PoseError(
+                f'pose: expected x from {area.x_min_m:.2f} to {area.x_max_m:.2f} m, y from '
+                f'{area.y_min_m:.2f} to {area.y_max_m:.2f} m and a finite heading, '
+                f'got x {x_m:g} m, y {y_m:g} m, heading {heading_rad:g} rad'
+            )
         self._robot.reset(x_m, y_m, heading_rad)
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
         self._lane_state = last._replace(position_m=point.position_m)

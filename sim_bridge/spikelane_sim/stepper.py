@@ -80,6 +80,11 @@ class Stepper:
         return self._state
 
     @property
+    def is_lockstep(self) -> bool:
+        """Whether each observation waits for its answer."""
+        return self._hold_ns is None
+
+    @property
     def observation(self) -> Observation | None:
         """The last observation; None before an episode begins."""
         return self._observation
@@ -287,6 +292,7 @@ class Stepper:
         """Move the robot elsewhere between two steps; see `Simulator.place`.
 
         Raises:
+            PoseError: The robot cannot be there.
             SpikelaneError: No episode is running.
         """
         with self._lock:

@@ -15,7 +15,7 @@ import pytest
 
 from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.course import load_course
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import PoseError, SpikelaneError
 from spikelane_sim.simulator import CommandCounts, Simulator, SimulatorParameters
 
 STEP_NS = 50_000_000
@@ -292,9 +292,9 @@ def test_no_lane_is_lost_where_the_limit_is_zero() -> None:
     """Zero is for never."""
     with make_simulator(episode__max_distance_m=0.0) as simulator:
         simulator.reset()
-        simulator.place(5.0, -30.0, 0.0)
+        simulator.place(5.0, -10.0, 0.0)
         lane = lane_of(simulator.step(AHEAD))
-        assert (lane.distance_m, lane.terminated) == (pytest.approx(30.25), False)
+        assert (lane.distance_m, lane.terminated) == (pytest.approx(10.25), False)
 
 
 def test_an_episode_ends_with_its_last_step() -> None:
@@ -406,3 +406,38 @@ def test_a_closed_simulator_may_be_closed_again() -> None:
 
 if __name__ == '__main__':
     print(*digests(int(sys.argv[1])))
+
+
+@pytest.mark.parametrize(
+    'pose',
+    [
+        (1.7e308, 0.25, 0.0),
+        (3.0, math.inf, 0.0),
+        (math.nan, 0.25, 0.0),
+        (3.0, 0.25, math.nan),
+        (-10.1, 5.0, 0.0),
+        (5.0, 20.1, 0.0),
+    ],
+)
+def test_the_robot_is_placed_within_10_m_of_the_road(pose: tuple[float, float, float]) -> None:
+    """The road of scenario 1 lies between 0 and 10 m in x and y."""
+    with make_simulator() as simulator:
+        simulator.reset('outer', 0)
+        before = simulator.robot_state
+        with pytest.raises(PoseError, match=r'^pose: expected x from -10\.0'):
+            simulator.place(*pose)
+        assert simulator.robot_state == before
+        simulator.place(-10.0, 20.0, 0.0)
+        assert simulator.step(AHEAD).lane.reason == 'lane_lost'
+
+
+@pytest.mark.parametrize('episode', [0, 2**32, -1])
+def test_an_episode_has_a_number_that_a_message_can_name(episode: int) -> None:
+    """From 1 to 2^32 - 1; after the last one a sequence begins anew with a seed only."""
+    with make_simulator() as simulator:
+        with pytest.raises(SpikelaneError, match=rf'^episode: .*, got {episode}$'):
+            simulator.reset('outer', 0, episode=episode)
+        assert simulator.reset('outer', 0, episode=2**32 - 1).lane.episode == 4294967295
+        with pytest.raises(SpikelaneError, match=r'^episode: .*, got 4294967296$'):
+            simulator.reset()
+        assert simulator.reset('outer', 1).lane.episode == 1

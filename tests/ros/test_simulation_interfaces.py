@@ -338,21 +338,95 @@ def test_the_robot_is_put_where_asked(simulation: Simulation) -> None:
     assert lane.distance == pytest.approx(-0.1)
 
 
+def entity_state(**fields: float) -> EntityState:
+    """Return the robot's state at its start but for some fields, their dots as __."""
+    state = EntityState(pose=Pose(position=Point(x=3.0, y=0.25)))
+    for name, value in fields.items():
+        *path, field = name.split('__')
+        message: Any = state
+        for part in path:
+            message = getattr(message, part)
+        setattr(message, field, value)
+    return state
+
+
 @pytest.mark.parametrize(
-    ('state', 'code'),
+    'fields',
     [
-        (EntityState(pose=Pose(position=Point(x=math.nan))), 101),
-        (EntityState(pose=Pose(position=Point(y=math.inf))), 101),
-        (EntityState(pose=Pose(orientation=Quaternion(w=0.0))), 101),
-        (EntityState(pose=Pose(orientation=Quaternion(z=math.nan))), 101),
+        {'pose__position__x': math.nan},
+        {'pose__position__y': math.inf},
+        {'pose__position__x': 1.7e308},
+        {'pose__position__y': -30.0},  # 10 m from the road are allowed
+        {'pose__position__z': math.nan},
+        {'pose__position__z': 2.0},  # in the air
+        {'pose__orientation__w': 0.0},
+        {'pose__orientation__z': math.nan},
+        {'pose__orientation__w': 1e200},  # its square is not finite
+        {'pose__orientation__x': 1.0},  # on its side
+        {'twist__linear__x': math.nan},
+        {'twist__angular__z': -math.inf},
+        {'header__stamp__nanosec': 1_000_000_000},
     ],
 )
-def test_invalid_poses_are_refused(simulation: Simulation, state: EntityState, code: int) -> None:
-    """The robot stays where it is."""
+def test_invalid_poses_are_refused(simulation: Simulation, fields: dict[str, float]) -> None:
+    """With the code for it; the robot stays where it is."""
     simulation.begin()
-    assert simulation.code(SetEntityState, entity='pioneer', state=state) == code
+    state = entity_state(**fields)
+    assert simulation.code(SetEntityState, entity='pioneer', state=state) == 101
     got = simulation.call(GetEntityState, entity='pioneer').state.pose.position
     assert (got.x, got.y) == pytest.approx((3.0, 0.25))
+
+
+def test_the_state_that_was_got_can_be_set(simulation: Simulation) -> None:
+    """With the twist of a robot in motion, which is then at rest."""
+    simulation.begin()
+    state = simulation.call(GetEntityState, entity='pioneer').state
+    state.twist.linear.x = 0.1
+    assert simulation.code(SetEntityState, entity='pioneer', state=state) == OK
+    assert simulation.call(GetEntityState, entity='pioneer').state.twist.linear.x == 0.0
+
+
+def test_a_robot_within_the_area_beyond_the_lane_loses_the_lane(simulation: Simulation) -> None:
+    """9 m from the road at the next step."""
+    simulation.begin()
+    state = entity_state(pose__position__y=-9.0)
+    assert simulation.code(SetEntityState, entity='pioneer', state=state) == OK
+    assert simulation.code(StepSimulation, steps=1) == OK
+    lane = simulation.see(2 * STEP_NS)
+    assert (lane.terminated, lane.reason) == (True, 'lane_lost')
+
+
+def test_as_many_steps_as_the_message_can_name_can_be_asked_for(simulation: Simulation) -> None:
+    """2^64 - 1; a reset ends them, and the node serves on."""
+    simulation.begin()
+    answer = simulation.ask(StepSimulation, steps=2**64 - 1)
+    simulation.see(9 * STEP_NS)
+    assert simulation.code(ResetSimulation) == OK
+    result = simulation.graph.result(answer).result
+    assert (result.result, 'of 18446744073709551615 steps' in result.error_message) == (
+        FAILED,
+        True,
+    )
+
+
+@pytest.mark.parametrize('seed', [-(2**63), 2**63 - 1])
+def test_every_seed_of_the_message_begins_an_episode(simulation: Simulation, seed: int) -> None:
+    """A negative one keeps the seed."""
+    simulation.begin()
+    assert simulation.call(Reset, lane='outer', seed=seed).success
+
+
+def test_after_the_last_number_of_an_episode_none_begins(simulation: Simulation) -> None:
+    """2^32 - 1, as the messages have it; the node refuses, and lives."""
+    simulation.begin()
+    last = simulation.call(Reset, lane='outer', seed=1, episode=2**32 - 1)
+    assert (last.success, last.episode) == (True, 4294967295)
+    refused = simulation.call(Reset, lane='outer', seed=-1)
+    assert (refused.success, refused.message) == (
+        False,
+        'episode: expected a number from 1 to 4294967295, got 4294967296',
+    )
+    assert simulation.call(Reset, lane='outer', seed=1).episode == 1
 
 
 def test_a_pose_in_another_frame_is_not_supported(simulation: Simulation) -> None:

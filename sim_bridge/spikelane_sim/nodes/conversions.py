@@ -11,12 +11,13 @@ from geometry_msgs.msg import Pose, Quaternion, TransformStamped, Twist
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, JointState
+from simulation_interfaces.msg import EntityState
 from spikelane_msgs.msg import LaneState as LaneStateMessage
 
 from spikelane_sim.camera import Camera
 from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
-from spikelane_sim.errors import PacketError
+from spikelane_sim.errors import MessageError, PacketError
 from spikelane_sim.events import Events
 from spikelane_sim.messages import to_stamp_ns
 from spikelane_sim.sensor import ReceivedPacket
@@ -25,6 +26,11 @@ WORLD_FRAME = 'odom'
 BODY_FRAME = 'base_link'
 CAMERA_FRAME = 'event_camera_optical_frame'
 WHEEL_JOINTS = ('left_wheel_joint', 'right_wheel_joint')
+
+# What a robot on the ground is given as its state; it stands upright whatever was asked for.
+_MAX_HEIGHT_M = 1.0
+_MAX_TILT_RAD = 0.1
+_MIN_SQUARED_NORM = 1e-6
 
 _ON_BGR, _OFF_BGR = (255, 64, 0), (0, 64, 255)
 
@@ -194,10 +200,55 @@ def fill_joint_state(message: JointState, robot: RobotState, stamp_ns: int) -> N
     message.velocity = list(robot.wheel_velocities)
 
 
+def check_entity_state(state: EntityState) -> None:
+    """Check the state that a robot on the ground is to be given.
+
+    The pose must be finite, upright and on the ground, its orientation a rotation, which need not
+    be normalised. The twist is not used, since the robot is placed at rest, but must be finite.
+
+    Raises:
+        MessageError: The state is not so; the message names the field.
+    """
+    to_stamp_ns(state.header.stamp)
+    vectors = {
+        'pose.position': state.pose.position,
+        'twist.linear': state.twist.linear,
+        'twist.angular': state.twist.angular,
+    }
+    for name, vector in vectors.items():
+        if not all(map(math.isfinite, (vector.x, vector.y, vector.z))):
+            raise MessageError(
+                f'{name}: expected finite numbers, got {vector.x}, {vector.y}, {vector.z}'
+            )
+    if abs(state.pose.position.z) > _MAX_HEIGHT_M:
+        raise MessageError(
+            f'pose.position.z: expected at most {_MAX_HEIGHT_M:g} m from the ground, '
+            f'got {state.pose.position.z:g} m'
+        )
+    _check_upright(state.pose.orientation)
+
+
+def _check_upright(orientation: Quaternion) -> None:
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    squared = x * x + y * y + z * z + w * w
+    if not (_MIN_SQUARED_NORM < squared < math.inf):
+        raise MessageError(
+            f'pose.orientation: expected a quaternion that is finite and not zero, '
+            f'got {x}, {y}, {z}, {w}'
+        )
+    # The vertical component of the body's z axis.
+    up = 1.0 - 2.0 * (x * x + y * y) / squared
+    if up < math.cos(_MAX_TILT_RAD):
+        raise MessageError(
+            f'pose.orientation: expected a tilt of at most {_MAX_TILT_RAD:g} rad, '
+            f'got {math.acos(max(up, -1.0)):.3f} rad'
+        )
+
+
 def heading_of(orientation: Quaternion) -> float:
     """Return the heading of an orientation [rad], or NaN where it is not a rotation."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     norm = x * x + y * y + z * z + w * w
-    if not (math.isfinite(norm) and norm > 1e-6):
+    if not (math.isfinite(norm) and norm > _MIN_SQUARED_NORM):
         return math.nan
     return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)

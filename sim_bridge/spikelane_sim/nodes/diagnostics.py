@@ -7,6 +7,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from spikelane_sim.contract import LaneState
+from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import CommandCounts, Simulator
@@ -17,13 +18,20 @@ class SimulatorDiagnostics:
     """Publishes how the simulation fares, and reports commands that were not taken as given."""
 
     def __init__(
-        self, node: Node, simulator: Simulator, stepper: Stepper, topics: SimulatorTopics
+        self,
+        node: Node,
+        simulator: Simulator,
+        stepper: Stepper,
+        topics: SimulatorTopics,
+        commands: Commands,
     ) -> None:
         """Create the publisher."""
         self._node = node
         self._simulator = simulator
         self._stepper = stepper
         self._topics = topics
+        self._commands = commands
+        self._mixed: list[str] = []  # publishers whose commands have mixed in the last second
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = (self._clock.now().nanoseconds, 0)
@@ -50,6 +58,11 @@ class SimulatorDiagnostics:
         self._was_terminated = is_terminated
         self._was_answered = is_terminated and self._stepper.is_answered
 
+    def look_and_publish(self) -> None:
+        """Look who has commanded the robot in the last second, and publish."""
+        self._mixed = self._commands.report()
+        self.publish()
+
     def publish(self) -> None:
         """Publish the state of the simulation."""
         status = DiagnosticStatus(
@@ -66,7 +79,8 @@ class SimulatorDiagnostics:
         self._publisher.publish(message)
 
     def _is_worrying(self) -> bool:
-        return self._is_stuck() or self._stepper.state is RunState.QUITTING
+        is_quitting = self._stepper.state is RunState.QUITTING
+        return self._is_stuck() or is_quitting or bool(self._mixed)
 
     def _is_stuck(self) -> bool:
         """Return whether an answer is waited for that was already at the last message."""
@@ -83,6 +97,8 @@ class SimulatorDiagnostics:
             'commands_not_finite': counts.not_finite,
             'commands_clipped': counts.clipped,
             'commands_ignored': self._stepper.ignored_commands,
+            'commands_refused': self._commands.refused,
+            'commands_mixed_from': ', '.join(self._mixed),
             'answered': self._stepper.is_answered,
         }
         lane = self._simulator.lane_state

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import MessageError, SpikelaneError
 
 
 class NotForExecutors(CallbackGroup):
@@ -47,7 +47,11 @@ class DirectSubscriptions:
     Messages of one topic are handled in order; of several topics that have messages waiting, the
     one subscribed to first comes first. An exception in a handler is logged and ends the node,
     since a lockstep graph would wait for it for ever: a SpikelaneError in a line, with its exit
-    status; any other is a bug, logged whole, with exit status 1.
+    status; any other is a bug, logged whole, with exit status 1. A MessageError is about one
+    message alone: the message is refused, which is logged once a second at most.
+
+    Attributes:
+        refused: Messages that were refused.
     """
 
     def __init__(self, node: Node, needs_all: Callable[[], bool] = lambda: False) -> None:
@@ -65,6 +69,7 @@ class DirectSubscriptions:
         self._wake = GuardCondition(None, self._group, context=node.context)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
+        self.refused = 0
 
     def subscribe(
         self,
@@ -135,4 +140,10 @@ class DirectSubscriptions:
     def _handle(self) -> None:
         for subscription, handle in self._subscriptions:
             while taken := subscription.handle.take_message(subscription.msg_type, False):
-                handle(taken[0])
+                try:
+                    handle(taken[0])
+                except MessageError as error:
+                    self.refused += 1
+                    self._node.get_logger().error(
+                        f'{subscription.topic_name}: {error}; refused', throttle_duration_sec=1.0
+                    )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from spikelane_sim.messages import to_stamp_ns
+
 KEPT = 16  # of either topic, for a partner that is late
 
 
@@ -14,7 +16,7 @@ class StampPairs:
     def __init__(self, on_pair: Callable[[Any, Any], None]) -> None:
         """Pair messages with a header; on_pair is called with one of either topic."""
         self._on_pair = on_pair
-        self._waiting: tuple[dict[tuple[int, int], Any], ...] = ({}, {})
+        self._waiting: tuple[dict[int, Any], ...] = ({}, {})
 
     @property
     def lacks_first(self) -> bool:
@@ -22,7 +24,11 @@ class StampPairs:
         return bool(self._waiting[1])
 
     def add_first(self, message: Any) -> None:
-        """Take a message of the first topic."""
+        """Take a message of the first topic.
+
+        Raises:
+            MessageError: Its stamp is not normalised; `add_second` too.
+        """
         self._add(0, message)
 
     def add_second(self, message: Any) -> None:
@@ -30,7 +36,7 @@ class StampPairs:
         self._add(1, message)
 
     def _add(self, topic: int, message: Any) -> None:
-        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
+        stamp = to_stamp_ns(message.header.stamp)
         partner = self._waiting[1 - topic].pop(stamp, None)
         if partner is None:
             waiting = self._waiting[topic]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
@@ -24,7 +23,7 @@ from simulation_interfaces.srv import (
 from spikelane_msgs.srv import Reset
 
 from spikelane_sim.contract import Observation
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import MessageError, PoseError, SpikelaneError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.awaiting import Awaitable
 from spikelane_sim.run_state import RunState
@@ -291,15 +290,13 @@ class SimulatorServices:
                 Result.RESULT_FEATURE_UNSUPPORTED,
                 f'frame_id: expected {conversions.WORLD_FRAME}, got {frame!r}',
             )
-        position = state.pose.position
-        heading_rad = conversions.heading_of(state.pose.orientation)
-        if not all(map(math.isfinite, (position.x, position.y, heading_rad))):
-            return _failed(
-                SetEntityState.Response.INVALID_POSE,
-                'pose: expected a finite position and a rotation that is not zero',
-            )
         try:
+            conversions.check_entity_state(state)
+            position = state.pose.position
+            heading_rad = conversions.heading_of(state.pose.orientation)
             self._stepper.place(position.x, position.y, heading_rad)
+        except (MessageError, PoseError) as error:
+            return _failed(SetEntityState.Response.INVALID_POSE, str(error))
         except SpikelaneError as error:
             return _failed(Result.RESULT_INCORRECT_STATE, str(error))
         return _OK

@@ -6,18 +6,12 @@ from dataclasses import dataclass
 import signal
 import sys
 
-from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
-from std_msgs.msg import Float64MultiArray
 
-from spikelane_sim import messages
-from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
-from spikelane_sim.nodes import conversions
+from spikelane_sim.contract import Observation, STEP_S
+from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
-from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
@@ -105,20 +99,19 @@ class SimulatorNode(Node):
             lane=settings.lane or None,
             hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
         )
-        self._commands = DirectSubscriptions(self)
-        self._commands.subscribe(
-            WheelVelocitiesMessage, 'wheel_velocities', self._on_wheels, QoSProfile(depth=10)
+        self._commands = Commands(
+            self, self._simulator.parameters.robot, self._stepper, self._notice
         )
         # Steady time: this node makes /clock and must not wait for it.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if is_realtime:
-            self._take_usual_commands(settings.use_stamped_vel)
+            self._commands.take_usual(is_stamped=settings.use_stamped_vel)
             period_s = STEP_S / settings.real_time_factor
             self.create_timer(period_s, self._stepper.tick, clock=steady)
         self._diagnostics = SimulatorDiagnostics(
-            self, self._simulator, self._stepper, self._topics
+            self, self._simulator, self._stepper, self._topics, self._commands
         )
-        self.create_timer(1.0, self._diagnostics.publish, clock=steady)
+        self.create_timer(1.0, self._diagnostics.look_and_publish, clock=steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
         self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
         self._steps_at_warning = 0
@@ -163,31 +156,8 @@ class SimulatorNode(Node):
     def _on_match(self, has_grown: bool) -> None:
         self._stepper.audience_changed(has_grown)
 
-    def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
-        stamp_ns = messages.to_stamp_ns(message.header.stamp)
-        self._stepper.command(stamp_ns, messages.wheels_from_message(message))
+    def _notice(self) -> None:
         self._diagnostics.notice()
-
-    def _take_usual_commands(self, is_stamped: bool) -> None:
-        commands = 'wheel_velocity_controller/commands'
-        self.create_subscription(Float64MultiArray, commands, self._on_array, 10)
-        kind = TwistStamped if is_stamped else Twist
-        self.create_subscription(kind, 'cmd_vel', self._on_twist, 10)
-
-    def _on_array(self, message: Float64MultiArray) -> None:
-        if len(message.data) != len(conversions.WHEEL_JOINTS):
-            self.get_logger().error(
-                'wheel_velocity_controller/commands: expected [left, right] in rad/s, '
-                f'got {len(message.data)} values'
-            )
-            return
-        self._stepper.command(None, WheelVelocities(*message.data))
-
-    def _on_twist(self, message: Twist | TwistStamped) -> None:
-        twist = message.twist if isinstance(message, TwistStamped) else message
-        robot = self._simulator.parameters.robot
-        wheels = conversions.wheels_from_twist(twist, robot.wheel_radius_m, robot.track_m)
-        self._stepper.command(None, wheels)
 
     def _end_if_over(self) -> None:
         lane = self._simulator.lane_state

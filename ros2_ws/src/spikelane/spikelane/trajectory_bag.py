@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.trajectory import Pose, Trajectory, trajectory_from_messages, TrajectoryError
-from spikelane_sim.errors import BagError, PacketError
+from spikelane_sim.errors import BagError, MessageError, PacketError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns, wheels_from_message
 
 LANE_STATE = '/lane/state'
@@ -65,7 +65,7 @@ def read_trajectory(bag: Path, episode: int | None = None) -> Trajectory:
             },
             {s: _count_events(r.message) for (topic, s), r in nearest.items() if topic == EVENTS},
         )
-    except (TrajectoryError, PacketError) as error:
+    except (TrajectoryError, PacketError, MessageError) as error:
         raise BagError(f'{bag}: {error}') from None
 
 
@@ -88,8 +88,7 @@ def _read(bag: Path, topics: Sequence[str]) -> Iterator[_Recorded]:
             connections = [c for c in reader.connections if c.topic in topics]
             for connection, log_ns, data in reader.messages(connections=connections):
                 message: Any = reader.deserialize(data, connection.msgtype)
-                stamp = message.header.stamp
-                stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+                stamp_ns = to_stamp_ns(message.header.stamp)
                 yield _Recorded(connection.topic, log_ns, stamp_ns, message)
     except BagError:
         raise

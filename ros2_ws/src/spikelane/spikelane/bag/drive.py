@@ -17,7 +17,7 @@ from spikelane.bag.foreign import legacy_hint
 from spikelane.bag.source import BagSource, Faults, SourceMessage
 from spikelane_sim.codecs import DECODABLE
 from spikelane_sim.contract import LaneState, WheelVelocities
-from spikelane_sim.errors import BagError
+from spikelane_sim.errors import BagError, MessageError
 from spikelane_sim.messages import (
     lane_state_from_message,
     received_packet,
@@ -197,6 +197,8 @@ class RecordedDrive:
             return _Record(
                 to_stamp_ns(fields.header.stamp), _CONVERSIONS[message.type_name](fields)
             )
+        except MessageError as error:
+            raise BagError(f'{self.source.path}: {message.topic}: {error}') from None
         except AttributeError as error:  # of a definition that is not ours
             raise BagError(
                 f'{self.source.path}: {message.topic}: expected the fields of '
