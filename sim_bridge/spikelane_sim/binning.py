@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spikelane_sim.codecs import Decoder
+from spikelane_sim.codecs import DecodedPacket, Decoder, STAMP_TOLERANCE_NS
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import Events
+from spikelane_sim.events import Events, no_events
 from spikelane_sim.parameters import parameter, Parameters
 
 SOURCES = ('auto', 'simulator', 'camera')
@@ -61,11 +62,24 @@ class SensorParameters(Parameters):
     )
     longest_pause_s: float = parameter(
         1.0,
-        'Steps begin anew where a camera has no event for longer.',
+        "Steps begin anew where a camera's time, with events or without, goes on by more at once.",
         unit='s',
         low=0.05,
         high=60.0,
     )
+    stamp_tolerance_s: float = parameter(
+        STAMP_TOLERANCE_NS / 1e9,
+        "Steps begin anew where the stamp of a camera's packet is earlier than the latest one by "
+        'more; clock synchronisation sets stamps back by less.',
+        unit='s',
+        low=0.0,
+        high=3600.0,
+    )
+
+    @property
+    def stamp_tolerance_ns(self) -> int:
+        """How far stamps may go back [ns]."""
+        return round(self.stamp_tolerance_s * 1e9)
 
 
 def find_crop(
@@ -129,37 +143,50 @@ def first_per_pixel(events: Events, width: int, height: int) -> Events:
 class Bins:
     """The steps of one camera; where its time jumps they begin anew."""
 
-    def __init__(self, parameters: SensorParameters, crop: Crop, width: int, height: int) -> None:
-        self.decoder = Decoder()
-        self.restarts = 0
+    def __init__(
+        self,
+        parameters: SensorParameters,
+        crop: Crop,
+        width: int,
+        height: int,
+        restarts: Counter[str],
+    ) -> None:
+        """Begin with nothing; `restarts` counts how often steps begin anew, by the reason."""
+        self.decoder = Decoder(parameters.stamp_tolerance_ns)
+        self._restarts = restarts
         self._crop, self._size = crop, (width, height)
         self._one_per_pixel = parameters.one_per_pixel
+        self._pause_s = parameters.longest_pause_s
         self._pause_ns = round(parameters.longest_pause_s * 1e9)
         self._offset_ns: int | None = None  # from the sensor's time to that of the stamps
-        self._latest_ns = 0  # time of the last event
+        self._latest_ns = 0  # how far time has come
         self._end_ns = 0  # of the step that is being gathered
         self._gathered: list[Events] = []
 
-    def add(self, events: Events, stamp_ns: int) -> list[SensorStep]:
-        """Take events in sensor time, in the order of time; return the steps that are complete."""
-        jumps = np.flatnonzero(np.diff(events['t']) > self._pause_ns) + 1
+    @property
+    def has_begun(self) -> bool:
+        """Whether a step is being gathered."""
+        return self._offset_ns is not None
+
+    def add(self, packet: DecodedPacket, stamp_ns: int) -> list[SensorStep]:
+        """Take a packet in sensor time; return the steps that are complete with it."""
         steps: list[SensorStep] = []
-        for piece in np.split(events, jumps):
-            if len(piece):
+        if len(packet.events):
+            jumps = np.flatnonzero(np.diff(packet.events['t']) > self._pause_ns) + 1
+            for piece in np.split(packet.events, jumps) if len(jumps) else (packet.events,):
                 steps += self._add_piece(piece, stamp_ns)
+        if packet.time_ns is not None:
+            # A still scene has times without events, and its steps are complete all the same.
+            self._begin_if_new(packet.time_ns, stamp_ns)
+            self._latest_ns = max(self._latest_ns, self._stamped(packet.time_ns))
+            while self._latest_ns >= self._end_ns:
+                steps.append(self._complete())
         return steps
 
     def _add_piece(self, events: Events, stamp_ns: int) -> list[SensorStep]:
-        first_ns = int(events['t'][0])
-        if self._offset_ns is None or self._jumps(first_ns + self._offset_ns):
-            self.restarts += self._offset_ns is not None
-            # Not back in time where a pause is inside a packet.
-            begin_ns = stamp_ns if self._offset_ns is None else max(stamp_ns, self._latest_ns)
-            self._offset_ns = begin_ns - first_ns
-            self._latest_ns, self._end_ns = begin_ns, begin_ns + STEP_NS
-            self._gathered = []
+        self._begin_if_new(int(events['t'][0]), stamp_ns)
         # A camera's time may go back a little from packet to packet.
-        times_ns = np.maximum(events['t'] + self._offset_ns, self._latest_ns)
+        times_ns = np.maximum(self._stamped(events['t']), self._latest_ns)
         self._latest_ns = int(times_ns[-1])
         scaled = events.copy()
         scaled['t'] = times_ns
@@ -173,11 +200,32 @@ class Bins:
         self._gathered.append(scaled[begin:])
         return steps
 
-    def _jumps(self, t_ns: int) -> bool:
-        return not -STEP_NS <= t_ns - self._latest_ns <= self._pause_ns
+    def _stamped(self, t_ns: Any) -> Any:
+        """Return sensor times as times of the stamps."""
+        return t_ns + self._offset_ns
+
+    def _begin_if_new(self, t_ns: int, stamp_ns: int) -> None:
+        """Begin steps at a sensor time if there are none yet, or if it is a jump."""
+        begin_ns = stamp_ns
+        if self._offset_ns is not None:
+            ahead_ns = t_ns + self._offset_ns - self._latest_ns
+            if -STEP_NS <= ahead_ns <= self._pause_ns:
+                return
+            self._restarts[
+                "the sensor's time went back"
+                if ahead_ns < 0
+                else f"the sensor's time went on by more than {self._pause_s:g} s at once"
+            ] += 1
+            # Not back in time where a pause is inside a packet.
+            begin_ns = max(stamp_ns, self._latest_ns)
+        self._offset_ns = begin_ns - t_ns
+        self._latest_ns, self._end_ns = begin_ns, begin_ns + STEP_NS
+        self._gathered = []
 
     def _complete(self) -> SensorStep:
-        events = scale_events(np.concatenate(self._gathered), self._crop, *self._size)
+        events = no_events()
+        if self._gathered:
+            events = scale_events(np.concatenate(self._gathered), self._crop, *self._size)
         if self._one_per_pixel:
             events = first_per_pixel(events, *self._size)
         step = SensorStep(self._end_ns, events)

@@ -4,32 +4,42 @@ A simulator sends one packet per step of 50 ms, of the size its controllers expe
 and taken as it is; one of another size is refused. A real camera knows nothing of steps, has
 another size and a clock of its own:
 
-1. Its packets are decoded one after the other into the sensor's time (`codecs.Decoder`).
+1. Its packets are decoded one after the other into the sensor's time (`codecs.Decoder`). What
+   makes no sense costs only itself, and is counted.
 2. The sensor's time is counted from the first event, and that from its packet's stamp: event at
-   t_0 in a packet stamped s_0, so an event at t is at s_0 + t - t_0.
+   t_0 in a packet stamped s_0, so an event at t is at s_0 + t - t_0. (If packets with time words
+   but without events come first, t_0 is the time that the first of them tells.)
 3. A part of the image, in the shape that is wanted and as large as it fits in the middle unless
    another one is asked for, is scaled: column x becomes floor((x - left) width / crop_width), row
    y likewise. What is outside is left out.
 4. Step k has the events from s_0 + 50 k to s_0 + 50 (k + 1) ms, and that end for its stamp. It is
-   complete when an event after its end is there, so that a step comes at most one packet late.
-   Steps without events are steps too.
+   complete when the sensor's time has reached its end, which an event tells, or a time word of
+   evt3 or libcaer_cmp without events. Steps without events are steps too, so that a controller
+   goes on answering before a still scene. Where no packet comes at all there are no steps: the
+   controller does not answer, and what it answered last holds for as long as the robot lets it.
 5. Of a pixel's events in a step only the first is kept, since the simulated pixel that
    controllers are made for fires at most once in a step.
 
-Where the sensor's time goes back, or on by more than a longest pause, all this begins anew, and
-what is there of a step is dropped.
+All this begins anew, and what is gathered of a step is dropped, where
+
+- the packets have another encoding or size;
+- a packet's number (`seq`) is smaller than the one before: the driver was started again;
+- the sensor's time goes back by more than a step, or on by more than a longest pause at once;
+- a stamp is earlier than the latest one by more than a tolerance (0.5 s unless another one is
+  asked for). Stamps that go back by less change nothing: clock synchronisation does that.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numba
 
 from spikelane_sim.binning import Bins, Crop, find_crop, SensorParameters, SensorStep
-from spikelane_sim.codecs import decode
-from spikelane_sim.codecs.payload import Buffer
+from spikelane_sim.codecs import decode_packet, DecodedPacket
+from spikelane_sim.codecs.payload import Buffer, check_packet
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import PacketError, ParameterError
 from spikelane_sim.events import Events, no_events
@@ -55,13 +65,14 @@ class Sensor:
         packets: Taken.
         lost: Missing in the packets' numbering.
         faulty: Could not be decoded: a step without events, or nothing of a camera's step.
-        first_fault: Why the first of them could not; '' without one.
+        reserved: Words that the encoding does not define; skipped.
+        outside: Events outside the image; left out.
+        mistimed: Events whose time does not fit those of the events around them; left out.
         on: Events decoded that say brighter; 0 like the next three unless `sums_events`.
         off: Events decoded that say darker.
         sum_x: Sum of the columns of the events decoded [px].
         sum_y: Sum of their rows [px].
         kept: Events in the steps given.
-        restarts: How often steps began anew.
         is_camera: Whether packets are taken as a camera's; None before the first.
     """
 
@@ -104,10 +115,44 @@ class Sensor:
         self._source = ('', 0, 0)  # encoding, width, height
         self._stamp_ns = self._sequence = 0
         self._bins: Bins | None = None
-        self.packets = self.lost = self.faulty = self.restarts = 0
+        self._restarts: Counter[str] = Counter()  # by reason
+        self._faults: Counter[str] = Counter()  # by the first reason of each kind
+        self.packets = self.lost = self.faulty = 0
+        self.reserved = self.outside = self.mistimed = 0
         self.on = self.off = self.sum_x = self.sum_y = self.kept = 0
-        self.first_fault = ''
         self.is_camera: bool | None = None
+
+    @property
+    def restarts(self) -> int:
+        """How often the steps of a camera began anew."""
+        return self._restarts.total()
+
+    @property
+    def first_fault(self) -> str:
+        """Why the first packet that could not be decoded could not; '' without one."""
+        return next(iter(self._faults), '')
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """What was odd, by its kind: a sentence each, with counts."""
+        notes = {}
+        for number, (reason, count) in enumerate(self._faults.items()):
+            taken = 'left out' if self.is_camera else 'taken as empty'
+            notes[f'faulty {number}'] = (
+                f'{count} event packets cannot be decoded; {taken}: {reason}'
+            )
+        if self.reserved:
+            notes['reserved'] = f'{self.reserved} reserved words in event packets were skipped'
+        if self.outside:
+            notes['outside'] = f'{self.outside} events outside the image were left out'
+        if self.mistimed:
+            notes['mistimed'] = (
+                f'{self.mistimed} events whose times do not fit those around them were left out'
+            )
+        if self._restarts:
+            reasons = '; '.join(f'{reason} ({n})' for reason, n in self._restarts.items())
+            notes['restarts'] = f"the camera's steps began anew {self.restarts} times: {reasons}"
+        return notes
 
     def add(self, packet: ReceivedPacket) -> list[SensorStep]:
         """Take the next packet; return the steps that are complete with it.
@@ -116,21 +161,37 @@ class Sensor:
             ParameterError: The part of the image asked for is not inside this camera's, or a
                 simulator's image has not the size that is wanted.
         """
-        source = packet.encoding, packet.width, packet.height
-        # Another camera, or the same one that began anew.
-        if source != self._source or packet.stamp_ns < self._stamp_ns:
+        reason = self._reason_to_begin(packet)
+        if reason is not None:
+            if self._bins is not None and self._bins.has_begun:
+                self._restarts[reason] += 1
             self._begin(packet)
         elif packet.sequence > self._sequence + 1:
             self._lose(packet.sequence - self._sequence - 1)
-        self._source, self._stamp_ns, self._sequence = source, packet.stamp_ns, packet.sequence
+        self._stamp_ns, self._sequence = max(packet.stamp_ns, self._stamp_ns), packet.sequence
         self.packets += 1
         steps = self._simulated(packet) if self._bins is None else self._binned(self._bins, packet)
         for step in steps:
             self.kept += len(step.events)
         return steps
 
+    def _reason_to_begin(self, packet: ReceivedPacket) -> str | None:
+        """Return why a packet does not continue those before, None if it does."""
+        if self.is_camera is None:
+            return 'the first packet'
+        source = packet.encoding, packet.width, packet.height
+        if source != self._source and (_is_possible(source) or not _is_possible(self._source)):
+            return 'another encoding or image size'
+        if packet.sequence < self._sequence:
+            return "the packets' numbers went back"
+        if packet.stamp_ns < self._stamp_ns - self.parameters.stamp_tolerance_ns:
+            return f'the stamps went back by more than {self.parameters.stamp_tolerance_s:g} s'
+        return None
+
     def _begin(self, packet: ReceivedPacket) -> None:
         """Find out what sends packets."""
+        self._source = packet.encoding, packet.width, packet.height
+        self._stamp_ns = packet.stamp_ns
         source = self.parameters.source
         is_step = packet.stamp_ns - packet.time_base_ns == STEP_NS
         self.is_camera = source == 'camera' or (
@@ -143,7 +204,7 @@ class Sensor:
             crop = Crop(0, 0, 1, 1)
             if has_size:
                 crop = find_crop(packet.width, packet.height, self.parameters, *self._size)
-            self._bins = Bins(self.parameters, crop, *self._size)
+            self._bins = Bins(self.parameters, crop, *self._size, self._restarts)
         elif has_size and size != self._size and not self._any_size:
             raise ParameterError(
                 f"event packets: expected a simulator's image of {self._size[0]} x "
@@ -158,22 +219,19 @@ class Sensor:
         self._on_loss(count)
 
     def _simulated(self, packet: ReceivedPacket) -> list[SensorStep]:
-        events = self._decoded(decode, packet)
-        return [SensorStep(packet.stamp_ns, no_events() if events is None else events)]
+        decoded = self._decoded(decode_packet, packet)
+        return [SensorStep(packet.stamp_ns, no_events() if decoded is None else decoded.events)]
 
     def _binned(self, bins: Bins, packet: ReceivedPacket) -> list[SensorStep]:
-        events = self._decoded(bins.decoder.decode, packet)
-        if events is None:
-            return []
-        before = bins.restarts
-        steps = bins.add(events, packet.stamp_ns)
-        self.restarts += bins.restarts - before
-        return steps
+        decoded = self._decoded(bins.decoder.decode_packet, packet)
+        return [] if decoded is None else bins.add(decoded, packet.stamp_ns)
 
-    def _decoded(self, decode: Callable[..., Events], packet: ReceivedPacket) -> Events | None:
-        """Return a packet's events, None where they cannot be decoded."""
+    def _decoded(
+        self, decode: Callable[..., DecodedPacket], packet: ReceivedPacket
+    ) -> DecodedPacket | None:
+        """Return what a packet holds, None where it cannot be decoded."""
         try:
-            events = decode(
+            decoded = decode(
                 packet.encoding,
                 packet.data,
                 packet.stamp_ns,
@@ -183,13 +241,23 @@ class Sensor:
                 packet.is_bigendian,
             )
         except PacketError as error:
-            self.faulty += 1
-            self.first_fault = self.first_fault or str(error)
-            self._on_fault(str(error))
+            self._note_fault(str(error))
             return None
+        self.reserved += decoded.dropped.reserved
+        self.outside += decoded.dropped.outside
+        self.mistimed += decoded.dropped.mistimed
         if self._sums_events:
-            self._count(events)
-        return events
+            self._count(decoded.events)
+        return decoded
+
+    def _note_fault(self, reason: str) -> None:
+        self.faulty += 1
+        kind = reason.partition(', got ')[0]
+        of_kind = (each for each in self._faults if each.partition(', got ')[0] == kind)
+        first = next(of_kind, reason)
+        # What came may differ in each packet: the kinds are few, but not what comes.
+        self._faults[first] += 1
+        self._on_fault(reason)
 
     def _count(self, events: Events) -> None:
         on, sum_x, sum_y = _sums(events)
@@ -197,6 +265,16 @@ class Sensor:
         self.off += len(events) - on
         self.sum_x += sum_x
         self.sum_y += sum_y
+
+
+def _is_possible(source: tuple[str, int, int]) -> bool:
+    """Return whether there are packets of this encoding, width and height."""
+    encoding, width, height = source
+    try:
+        check_packet(encoding, 0, width, height)
+    except PacketError:
+        return False
+    return True
 
 
 @numba.njit(cache=True)

@@ -9,6 +9,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
+from spikelane.bag.drive import RecordedDrive
 from spikelane_sim.binning import (
     Crop,
     find_crop,
@@ -26,6 +27,7 @@ CAMERAS = ROOT.parent / 'shared' / 'data' / 'real_cameras'
 if not CAMERAS.is_dir():
     CAMERAS = Path('/work/shared/data/real_cameras')
 MS = 1_000_000
+DATA = ROOT / 'tests' / 'data' / 'cameras'
 TYPE = 'event_camera_msgs/msg/EventPacket'
 
 
@@ -265,3 +267,128 @@ def test_the_steps_of_a_real_camera_hold_all_events_of_the_square() -> None:
         inside = (x >= 280) & (x < 1000)
         assert step.events['x'].tolist() == [(each - 280) * 8 // 45 for each in x[inside]]
         assert len(step.events) == int(inside.sum())
+
+
+def of_bag(name: str, **parameters: Any) -> tuple[Sensor, list[Any]]:
+    """Return what a camera's recorded packets give: the sensor, and its steps."""
+    sensor = Sensor(SensorParameters(**parameters), sums_events=True)
+    drive = RecordedDrive(DATA / f'{name}.mcap')
+    return sensor, [step for each in drive.packets() for step in sensor.add(each.packet)]
+
+
+@pytest.mark.parametrize(
+    ('name', 'on', 'off', 'steps', 'counted'),
+    [
+        ('plain', 2019, 1981, 19, {}),
+        ('reserved_words', 2019, 1981, 19, {'reserved': 800}),
+        ('event_outside', 2019, 1981, 19, {'outside': 1}),
+        ('stamps_back_1ms', 4000, 0, 19, {}),
+        ('stamps_back_1us', 4000, 0, 19, {}),
+        # 1 s of events, 4 s of time words alone, 1 s of events: 5.95 s in all.
+        ('time_words', 8000, 0, 119, {}),
+    ],
+)
+def test_one_bad_word_of_a_camera_costs_one_word(
+    name: str, on: int, off: int, steps: int, counted: dict[str, int]
+) -> None:
+    """All else of the recording is there, in steps of 50 ms without a gap."""
+    sensor, given = of_bag(name)
+    assert (sensor.on, sensor.off, len(given)) == (on, off, steps)
+    assert set(np.diff([step.stamp_ns for step in given]).tolist()) == {50 * MS}
+    counts = {'reserved': 0, 'outside': 0, 'mistimed': 0, 'faulty': 0, 'lost': 0, 'restarts': 0}
+    assert {kind: getattr(sensor, kind) for kind in counts} == counts | counted
+    assert list(sensor.notes) == list(counted)
+    assert all(str(count) in sensor.notes[kind] for kind, count in counted.items())
+
+
+def test_a_still_scene_gives_empty_steps() -> None:
+    """Of 119 steps 80 have no event, one after the other."""
+    empty = [len(step.events) == 0 for step in of_bag('time_words')[1]]
+    assert sum(empty) == 80 - 1
+    assert empty.index(True) == 20
+    assert all(empty[20:99])
+
+
+def test_time_words_before_the_first_event_begin_the_steps() -> None:
+    """A camera before a scene that is still from the start: TIME_HIGH 0x0A each 40.96 ms."""
+    sensor, steps = camera(), []
+    for n in range(1, 5):
+        data = np.array([0x8000 | 10 * n, 0x6000], '<u2').tobytes()
+        steps += sensor.add(ReceivedPacket(1000 * MS * n, n, 'evt3', data, 0, 128, 128))
+    # 122.88 ms from the first packet to the last.
+    assert [(step.stamp_ns // MS, len(step.events)) for step in steps] == [(1050, 0), (1100, 0)]
+
+
+def evt3_packet(stamp_ns: int, sequence: int, words: str, height: int = 128) -> ReceivedPacket:
+    """Return a packet of a camera."""
+    return ReceivedPacket(stamp_ns, sequence, 'evt3', bytes.fromhex(words), 0, 128, height)
+
+
+@pytest.mark.parametrize(
+    ('packets', 'reason'),
+    [
+        # A driver that was started again: the numbers go back, the stamps do not.
+        ([(1000, 70, 0), (1010, 1, 10)], "the packets' numbers went back"),
+        ([(1000, 1, 0), (499, 2, 10)], 'the stamps went back by more than 0.5 s'),
+        ([(1000, 1, 60), (1010, 2, 9)], "the sensor's time went back"),
+        ([(1000, 1, 0), (1010, 2, 1001)], "the sensor's time went on by more than 1 s at once"),
+    ],
+)
+def test_every_restart_is_counted_and_told(
+    packets: list[tuple[int, int, int]], reason: str
+) -> None:
+    """By the sensor's own time, the packets' numbers, and stamps beyond a tolerance."""
+    sensor = camera()
+    for stamp_ms, sequence, t_ms in packets:
+        sensor.add(packet(stamp_ms * MS, sequence, [t_ms * MS]))
+    assert sensor.restarts == 1
+    assert sensor.notes == {'restarts': f"the camera's steps began anew 1 times: {reason} (1)"}
+
+
+@pytest.mark.parametrize('back_ms', [1, 499, 500])
+def test_stamps_that_go_back_within_the_tolerance_change_nothing(back_ms: int) -> None:
+    """The steps go on by the sensor's time; more is allowed where asked for."""
+    for sensor, back in ((camera(), back_ms), (camera(stamp_tolerance_s=2.0), 4 * back_ms)):
+        sensor.add(packet(9000 * MS, 1, [0]))
+        assert sensor.add(packet((9000 - back) * MS, 2, [40 * MS])) == []
+        steps = sensor.add(packet((9020 - back) * MS, 3, [60 * MS]))
+        assert times(steps) == [(9050, [9000])]
+        assert (sensor.restarts, sensor.notes) == (0, {})
+
+
+def test_another_size_is_another_camera_and_is_told() -> None:
+    """What is gathered of the one before is dropped."""
+    sensor = camera()
+    sensor.add(packet(1000 * MS, 1, [0], size=(128, 128)))
+    sensor.add(packet(1010 * MS, 2, [10 * MS], size=(256, 256)))
+    assert sensor.notes == {
+        'restarts': "the camera's steps began anew 1 times: another encoding or image size (1)"
+    }
+
+
+def test_the_time_base_survives_packets_that_cannot_be_decoded() -> None:
+    """Half a word, or an impossible size: what follows needs no TIME_HIGH, and goes on."""
+    sensor = camera(one_per_pixel=False)
+    sensor.add(evt3_packet(1000 * MS, 1, '0080 0060 0500 0128'))
+    assert sensor.add(evt3_packet(1001 * MS, 2, '0128 01')) == []
+    assert sensor.add(evt3_packet(1001 * MS, 3, '0128', height=0)) == []
+    assert sensor.add(evt3_packet(1001 * MS, 4, '0128', height=5000)) == []
+    assert sensor.add(evt3_packet(1002 * MS, 5, 'd067 0500 0128')) == []  # 2000 us
+    (step,) = sensor.add(evt3_packet(1060 * MS, 6, '0f80 0060'))
+    assert (step.events['t'] / MS).tolist() == [1000, 1002]
+    assert (sensor.faulty, sensor.restarts, sensor.lost) == (3, 0, 0)
+    assert list(sensor.notes.values()) == [
+        '1 event packets cannot be decoded; left out: evt3 packet: expected words of '
+        '2 bytes, got 3 bytes',
+        '2 event packets cannot be decoded; left out: evt3 packet: expected a sensor '
+        'of 1 x 1 to 2048 x 2048 px, got 128 x 0',
+    ]
+
+
+def test_a_simulator_that_is_reset_is_no_camera_that_began_anew() -> None:
+    """Its packets stand for themselves, wherever their stamps are."""
+    sensor = Sensor(width=256)
+    for n, stamp in enumerate((500, 550, 50, 100)):
+        (step,) = sensor.add(simulated(stamp * MS, n))
+        assert step.stamp_ns == stamp * MS
+    assert (sensor.restarts, sensor.notes) == (0, {})

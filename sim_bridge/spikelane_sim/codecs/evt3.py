@@ -1,32 +1,34 @@
 """EVT 3.0, Prophesee's encoding of 16-bit words: bits 15 to 12 are a code, the others a value.
 
 The time is 24 bits of microseconds, so it repeats every 16.8 s, and a word that repeats what the
-one before said is left out. Source: the layout as event_camera_codecs and Prophesee document it.
+one before said is left out. The codes that are not listed below are reserved: such words are
+skipped. Source: the layout as event_camera_codecs and Prophesee document it.
 """
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.codecs.payload import (
+    BACK_US,
     BACKWARDS,
     Decoded,
     EVENT_RECORD,
-    fault_of,
     FINE,
     FRACTION,
     MAX_EVENTS,
+    NO_TIME,
     OUT_OF_REACH,
     OUTSIDE,
     POLARITY,
     put_event,
+    put_in_order,
     TOO_MANY,
     uint_at,
-    UNKNOWN_WORD,
 )
 from spikelane_sim.events import Events
 
@@ -68,39 +70,46 @@ def new_state() -> NDArray[np.int64]:
 def resynchronise(state: NDArray[np.int64]) -> None:
     """Forget all but the count of rounds, so that events wait for new time and address words."""
     state[0] = _STANDS
+    forget_place(state)
+
+
+def forget_place(state: NDArray[np.int64]) -> None:
+    """Forget row and vector base, so that events wait for new address words; the time goes on."""
     state[3] = state[4] = _UNKNOWN
 
 
 @numba.njit(cache=True)
 def encode(
-    events: Events, width: int, height: int, stamp_us: int, words: NDArray[np.uint16]
-) -> tuple[int, int, int]:
+    events: Events, width: int, height: int, base_us: int, stamp_us: int
+) -> tuple[NDArray[np.uint16], int, int]:
     """Write the words of a packet.
+
+    As a real camera does, the packet has every TIME_HIGH from its begin to its stamp, with events
+    or without: readers take the time for come round only where 4095 is followed by 0.
 
     Args:
         events: In the order of time.
         width: Columns of the sensor [px].
         height: Rows of the sensor [px].
+        base_us: The packet's begin, not after the first event.
         stamp_us: The packet's stamp; the first event has to be less than ROUND_US / 2 from it,
             every other from the one before.
-        words: Room for two words and four more per event.
 
     Returns:
-        Number of words, FINE or the fault, index of the event at fault.
+        The words, FINE or the fault, index of the event at fault.
     """
-    first_us = events[0].t // 1000 if len(events) else stamp_us
-    n = _put_time(words, 0, first_us, first_us, True)
-    latest_us, row = first_us, -1
-    for i in range(len(events)):
-        event = events[i]
+    fault, index = _find_fault(events, width, height, stamp_us)
+    if fault:
+        return np.empty(0, np.uint16), fault, index
+    end_us = max(stamp_us, events[-1].t // 1000) if len(events) else stamp_us
+    # Every TIME_HIGH, and TIME_LOW, row and column of each event; both time words at both ends.
+    words = np.empty(((end_us - base_us) >> 12) + 3 * len(events) + 5, np.uint16)
+    n = _put_time(words, 0, base_us, base_us - 2**12)
+    latest_us, row = base_us, -1
+    for event in events:
         t_us = event.t // 1000
-        fault = _encoding_fault(event, t_us, latest_us if i else stamp_us, width, height)
-        if fault == FINE and t_us < latest_us:
-            fault = BACKWARDS
-        if fault:
-            return n, fault, i
         if t_us != latest_us:
-            n = _put_time(words, n, t_us, latest_us, False)
+            n = _put_time(words, n, t_us, latest_us)
             latest_us = t_us
         if event.y != row:
             row = event.y
@@ -108,25 +117,41 @@ def encode(
             n += 1
         words[n] = ADDR_X << 12 | (2048 if event.polarity > 0 else 0) | event.x
         n += 1
-    return n, FINE, 0
+    if stamp_us >> 12 > latest_us >> 12:
+        n = _put_time(words, n, stamp_us, latest_us)
+    return words[:n], FINE, 0
 
 
 @numba.njit(cache=True)
-def _encoding_fault(event: Any, t_us: int, anchor_us: int, width: int, height: int) -> int:
-    if event.x >= width or event.y >= height:
-        return OUTSIDE
-    if event.polarity != 1 and event.polarity != -1:
-        return POLARITY
-    if t_us * 1000 != event.t:
-        return FRACTION
-    return FINE if -ROUND_US // 2 <= t_us - anchor_us < ROUND_US // 2 else OUT_OF_REACH
+def _find_fault(events: Events, width: int, height: int, stamp_us: int) -> tuple[int, int]:
+    """Look for an event that cannot be written.
+
+    Returns:
+        FINE or the fault, index of the event at fault.
+    """
+    anchor_us = stamp_us
+    for i in range(len(events)):
+        event = events[i]
+        t_us = event.t // 1000
+        if event.x >= width or event.y >= height:
+            return OUTSIDE, i
+        if event.polarity != 1 and event.polarity != -1:
+            return POLARITY, i
+        if t_us * 1000 != event.t:
+            return FRACTION, i
+        if not -ROUND_US // 2 <= t_us - anchor_us < ROUND_US // 2:
+            return OUT_OF_REACH, i
+        if i and t_us < anchor_us:
+            return BACKWARDS, i
+        anchor_us = t_us
+    return FINE, 0
 
 
 @numba.njit(cache=True)
-def _put_time(words: NDArray[np.uint16], n: int, t_us: int, latest_us: int, is_first: bool) -> int:
-    """Write the time words, TIME_HIGH only if it is another; return the number of words."""
-    if is_first or t_us >> 12 != latest_us >> 12:
-        words[n] = TIME_HIGH << 12 | (t_us >> 12 & 0xFFF)
+def _put_time(words: NDArray[np.uint16], n: int, t_us: int, latest_us: int) -> int:
+    """Write each TIME_HIGH that begins after the latest time, then TIME_LOW; return n after it."""
+    for high in range((latest_us >> 12) + 1, (t_us >> 12) + 1):
+        words[n] = TIME_HIGH << 12 | (high & 0xFFF)
         n += 1
     words[n] = TIME_LOW << 12 | (t_us & 0xFFF)
     return n + 1
@@ -138,10 +163,9 @@ def decode(
     width: int,
     height: int,
     anchor_us: int,
-    back_us: int,
     state: NDArray[np.int64],
 ) -> Decoded:
-    """Decode the words of a packet.
+    """Decode the words of a packet; it tells the time of its last time word [us].
 
     Args:
         data: The payload.
@@ -149,41 +173,43 @@ def decode(
         height: Rows of the sensor [px].
         anchor_us: Time that the first event's is nearest to, or NO_ANCHOR; every other event's
             is nearest to the one before.
-        back_us: A time earlier than the one before by up to this is replaced by it.
         state: What the decoder knows; updated unless there is a fault.
     """
     room = _count(data)
     if room > MAX_EVENTS:
-        return np.empty(0, EVENT_RECORD), TOO_MANY, 0
+        return np.empty(0, EVENT_RECORD), TOO_MANY, 0, 0, 0, NO_TIME
     events = np.empty(room, EVENT_RECORD)
     # Tuples of numbers, for the compiler keeps these in registers.
     clock, place = (state[0], state[1], state[2]), (state[3], state[4], state[5])
-    n, latest_us = 0, -(2**62)
+    n, reserved, outside, latest_us, told_us, is_in_order = 0, 0, 0, NO_TIME, NO_TIME, True
     for i in range(len(data) // 2):
         word = uint_at(data, 2 * i, 2)
         code, value = word >> 12, word & 0xFFF
         if code in (TIME_LOW, TIME_HIGH):
             clock = _tick(clock, code, value)
+            # The low part that belongs to a TIME_HIGH is yet to come.
+            told_us = clock[1] | (clock[2] if code == TIME_LOW else 0)
             continue
         place, x, on, mask = _look(place, code, value)
-        if mask < 0:
-            return events[:0], UNKNOWN_WORD, i
-        if mask == 0 or clock[0] != _RUNS:
+        reserved += mask < 0
+        if mask <= 0 or clock[0] != _RUNS:
             continue
         t_us = _time(clock[1] | clock[2], anchor_us)
         while mask:
-            if mask & 1:
-                fault = fault_of(t_us, latest_us, x, place[0], width, height, back_us)
-                if fault:
-                    return events[:0], fault, i
-                latest_us = max(t_us, latest_us)
-                anchor_us = latest_us if anchor_us != NO_ANCHOR else NO_ANCHOR
-                put_event(events, n, latest_us * 1000, x, place[0], on)
+            if mask & 1 and x < width and place[0] < height:
+                is_in_order &= t_us >= latest_us
+                latest_us = t_us
+                anchor_us = t_us if anchor_us != NO_ANCHOR else NO_ANCHOR
+                put_event(events, n, t_us * 1000, x, place[0], on)
                 n += 1
+            elif mask & 1:
+                outside += 1
             mask, x = mask >> 1, x + 1
     state[0], state[1], state[2] = clock
     state[3], state[4], state[5] = place
-    return events[:n], FINE, 0
+    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    told_us = told_us if clock[0] != _STANDS else NO_TIME
+    return kept, FINE, reserved, outside, n - len(kept), told_us
 
 
 @numba.njit(cache=True)
@@ -220,7 +246,7 @@ def _look(place: _Place, code: int, value: int) -> tuple[_Place, int, int, int]:
 
     Returns:
         The place after it; column, polarity bit and mask of the events it makes from that column
-        on. The mask is 0 if there are none or their address is not known, -1 for unknown words.
+        on. The mask is 0 if there are none or their address is not known, -1 for reserved words.
     """
     row, base, base_on = place
     x, on, mask = 0, 0, 0

@@ -12,36 +12,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.codecs.payload import (
+    BACK_US,
     Decoded,
     EVENT_RECORD,
-    fault_of,
     FINE,
-    NEGATIVE_TIME,
+    NO_TIME,
     put_event,
+    put_in_order,
     uint_at,
 )
 
 #: The time comes round after this [us].
 ROUND_US = 2**31
+#: It does so only between a count and another that are as near to it as this [us].
+_NEAR_US = 2**26
 
 
 @numba.njit(cache=True)
-def decode(
-    data: NDArray[np.uint8], width: int, height: int, time_base_ns: int, back_us: int
-) -> Decoded:
-    """Decode the words of a packet; a time earlier by up to back_us is the one before it."""
+def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) -> Decoded:
+    """Decode the words of a packet."""
     events = np.empty(len(data) // 8, EVENT_RECORD)
-    rounds_us, latest_us = 0, 0
+    n, outside, first_us, latest_us, is_in_order = 0, 0, -1, 0, True
     for i in range(len(events)):
-        address, count_us = uint_at(data, 8 * i, 4), uint_at(data, 8 * i + 4, 4)
-        if count_us >= ROUND_US:
-            return events[:0], NEGATIVE_TIME, i
-        if rounds_us == 0 and latest_us - count_us > ROUND_US // 2:
-            rounds_us = ROUND_US
-        t_us, x, y = rounds_us + count_us, address >> 17, address >> 2 & 0x7FFF
-        fault = fault_of(t_us, latest_us, x, y, width, height, back_us)
-        if fault:
-            return events[:0], fault, i
-        latest_us = max(t_us, latest_us)
-        put_event(events, i, time_base_ns + latest_us * 1000, x, y, address >> 1 & 1)
-    return events, FINE, 0
+        address, t_us = uint_at(data, 8 * i, 4), uint_at(data, 8 * i + 4, 4)
+        if t_us >= ROUND_US:  # a negative time: it counts as mistimed
+            continue
+        x, y = address >> 17, address >> 2 & 0x7FFF
+        if x >= width or y >= height:
+            outside += 1
+            continue
+        first_us = t_us if first_us < 0 else first_us
+        if first_us >= ROUND_US - _NEAR_US and t_us < _NEAR_US:
+            t_us += ROUND_US
+        is_in_order &= t_us >= latest_us
+        latest_us = t_us
+        put_event(events, n, time_base_ns + t_us * 1000, x, y, address >> 1 & 1)
+        n += 1
+    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return kept, FINE, 0, outside, len(events) - outside - len(kept), NO_TIME

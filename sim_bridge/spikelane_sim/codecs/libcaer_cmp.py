@@ -12,15 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.codecs.payload import (
+    BACK_US,
     Decoded,
     EVENT_RECORD,
-    fault_of,
     FINE,
     MAX_EVENTS,
+    NO_TIME,
     put_event,
+    put_in_order,
     TOO_MANY,
     uint_at,
-    UNKNOWN_WORD,
 )
 
 TIME_HIGH = 0x0  # bits 12-23 of the time [us]
@@ -35,32 +36,44 @@ _UNKNOWN = -(2**40)
 
 
 @numba.njit(cache=True)
-def decode(
-    data: NDArray[np.uint8], width: int, height: int, time_base_ns: int, back_us: int
-) -> Decoded:
-    """Decode the words of a packet; a time earlier by up to back_us is the one before it."""
+def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) -> Decoded:
+    """Decode the words of a packet; it tells the time of its last time word [us]."""
     room = _count(data)
     if room > MAX_EVENTS:
-        return np.empty(0, EVENT_RECORD), TOO_MANY, 0
+        return np.empty(0, EVENT_RECORD), TOO_MANY, 0, 0, 0, NO_TIME
     events = np.empty(room, EVENT_RECORD)
     state = np.array([0, 0, _UNKNOWN, _UNKNOWN, 0, 0, 0])
-    n, latest_us = 0, 0
+    n, reserved, outside, latest_us, is_in_order = 0, 0, 0, 0, True
     for i in range(len(data) // 2):
         mask = _take(state, uint_at(data, 2 * i, 2))
         if mask < 0:
-            return events[:0], UNKNOWN_WORD, i
+            reserved += 1
+            continue
         t_us, x, y = state[_HIGH] | state[_LOW], state[_COLUMN], state[_ROW]
         while mask:
-            if mask & 1:
-                fault = fault_of(t_us, latest_us, x, y, width, height, back_us)
-                if fault:
-                    return events[:0], fault, i
-                latest_us = max(t_us, latest_us)
-                put_event(events, n, time_base_ns + latest_us * 1000, x, y, state[_ON])
+            if mask & 1 and 0 <= x < width and 0 <= y < height:
+                is_in_order &= t_us >= latest_us
+                latest_us = t_us
+                put_event(events, n, time_base_ns + t_us * 1000, x, y, state[_ON])
                 n += 1
+            elif mask & 1:
+                outside += 1
             mask >>= 1
             y += 1
-    return events, FINE, 0
+    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return kept, FINE, reserved, outside, n - len(kept), _told(data, state)
+
+
+@numba.njit(cache=True)
+def _told(data: NDArray[np.uint8], state: NDArray[np.int64]) -> int:
+    """Return the time that the last time word tells [us], after all words are taken in."""
+    for i in range(len(data) // 2 - 1, -1, -1):
+        code = uint_at(data, 2 * i, 2) >> 12
+        if code == TIME_LOW:
+            return int(state[_HIGH] | state[_LOW])
+        if code == TIME_HIGH:  # its low part is yet to come
+            return int(state[_HIGH])
+    return NO_TIME
 
 
 @numba.njit(cache=True)
@@ -81,7 +94,7 @@ def _count(data: NDArray[np.uint8]) -> int:
 
 @numba.njit(cache=True)
 def _take(state: NDArray[np.int64], word: int) -> int:
-    """Take a word in; return the mask of the events it makes from _ROW on, -1 if unknown."""
+    """Take a word in; return the mask of the events it makes from _ROW on, -1 if reserved."""
     code, value = word >> 12, word & 0xFFF
     if code == ADDR_Y:
         state[_ROW], state[_ON] = value & 0x7FF, value >> 11

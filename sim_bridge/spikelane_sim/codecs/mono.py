@@ -13,15 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.codecs.payload import (
+    BACK_US,
     BACKWARDS,
     Decoded,
     EVENT_RECORD,
-    fault_of,
     FINE,
+    NO_TIME,
     OUT_OF_REACH,
     OUTSIDE,
     POLARITY,
     put_event,
+    put_in_order,
     uint_at,
 )
 from spikelane_sim.events import Events
@@ -69,19 +71,19 @@ def _encoding_fault(event: Any, time_base_ns: int, latest_ns: int, width: int, h
 
 
 @numba.njit(cache=True)
-def decode(
-    data: NDArray[np.uint8], width: int, height: int, time_base_ns: int, back_ns: int
-) -> Decoded:
-    """Decode the words of a packet; a time earlier by up to back_ns is the one before it."""
+def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) -> Decoded:
+    """Decode the words of a packet."""
     events = np.empty(len(data) // 8, EVENT_RECORD)
-    latest_ns = time_base_ns
+    n, latest_ns, is_in_order = 0, time_base_ns, True
     for i in range(len(events)):
-        t_ns = time_base_ns + uint_at(data, 8 * i, 4)
         x, y_and_on = uint_at(data, 8 * i + 4, 2), uint_at(data, 8 * i + 6, 2)
         y = y_and_on & 0x7FFF
-        fault = fault_of(t_ns, latest_ns, x, y, width, height, back_ns)
-        if fault:
-            return events[:0], fault, i
-        latest_ns = max(t_ns, latest_ns)
-        put_event(events, i, latest_ns, x, y, y_and_on >> 15)
-    return events, FINE, 0
+        if x >= width or y >= height:
+            continue
+        t_ns = time_base_ns + uint_at(data, 8 * i, 4)
+        is_in_order &= t_ns >= latest_ns
+        latest_ns = t_ns
+        put_event(events, n, t_ns, x, y, y_and_on >> 15)
+        n += 1
+    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return kept, FINE, 0, len(events) - n, n - len(kept), NO_TIME

@@ -13,18 +13,22 @@ from spikelane_sim.codecs.payload import (
     check_packet,
     check_payload,
     Decoded,
+    Dropped,
     ENCODABLE,
     fault_error,
     FINE,
     MAX_BYTES,
     MAX_TIME_NS,
+    NO_TIME,
 )
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import EVENT_DTYPE, Events
 
-#: A camera's time may go back by this within a packet [us].
-BACK_US = evt3.SLACK_US
+#: A stamp may be this much earlier than the latest one before a camera's stream begins anew [ns].
+STAMP_TOLERANCE_NS = 500_000_000
+
+_NOTHING = Dropped()
 
 
 class EncodedPacket(NamedTuple):
@@ -41,7 +45,9 @@ def encode(encoding: str, events: Events, stamp_ns: int, width: int, height: int
     """Encode the events of one step.
 
     The time base is the start of the step that the stamp ends, or the first event's time if that
-    is earlier. An evt3 packet begins with both time words, so that it can be read by itself.
+    is earlier. An evt3 packet begins with both time words, so that it can be read by itself, and
+    has every TIME_HIGH from there to its stamp, so that packets joined one after the other make a
+    raw file.
 
     Args:
         encoding: 'evt3' (times in whole microseconds) or 'mono'.
@@ -59,18 +65,35 @@ def encode(encoding: str, events: Events, stamp_ns: int, width: int, height: int
         raise PacketError(f'event packet: expected to encode {ENCODABLE}, got {encoding!r}')
     events = _check_events(events)
     width, height, stamp_ns = int(width), int(height), int(stamp_ns)
-    base_ns = max(0, stamp_ns - STEP_NS)
+    begin_ns = max(0, stamp_ns - STEP_NS)
     if len(events):
-        base_ns = max(0, min(base_ns, int(events[0]['t'])))
+        begin_ns = min(begin_ns, int(events[0]['t']))
+    base_ns = max(0, begin_ns)
     if encoding == 'evt3':
-        words = np.empty(2 + 4 * len(events), np.uint16)
-        n, fault, index = evt3.encode(events, width, height, stamp_ns // 1000, words)
+        words, fault, index = evt3.encode(
+            events, width, height, begin_ns // 1000, stamp_ns // 1000
+        )
     else:
         words = np.empty(len(events), np.uint64)
-        n, fault, index = mono.encode(events, width, height, base_ns, words)
+        _, fault, index = mono.encode(events, width, height, base_ns, words)
     if fault != FINE:
         raise fault_error(encoding, fault, index, width, height)
-    return EncodedPacket(encoding, width, height, base_ns, words[:n].tobytes())
+    return EncodedPacket(encoding, width, height, base_ns, words.tobytes())
+
+
+class DecodedPacket(NamedTuple):
+    """What a packet holds.
+
+    Attributes:
+        events: In the order of time.
+        dropped: What was left out.
+        time_ns: The time of the packet's last time word, None where it has none: how far the
+            sensor's time has come, with events or without.
+    """
+
+    events: Events
+    dropped: Dropped
+    time_ns: int | None
 
 
 def decode(
@@ -82,6 +105,21 @@ def decode(
     height: int,
     is_bigendian: bool = False,
 ) -> Events:
+    """Decode a packet by itself and return its events; see `decode_packet`."""
+    return decode_packet(
+        encoding, data, stamp_ns, time_base_ns, width, height, is_bigendian
+    ).events
+
+
+def decode_packet(
+    encoding: str,
+    data: Buffer,
+    stamp_ns: int,
+    time_base_ns: int,
+    width: int,
+    height: int,
+    is_bigendian: bool = False,
+) -> DecodedPacket:
     """Decode a packet by itself; the events keep the packet's order.
 
     Of the times that agree with the 24 bits of evt3, the first event's is the one nearest to
@@ -90,7 +128,10 @@ def decode(
     the stamp's, so with its packets the times are off, and differently every 16.8 s: use a
     Decoder. The other encodings count from the time base.
 
-    Words of evt3 before the first time and row are skipped, as are triggers.
+    What makes no sense costs only itself, and is counted: reserved words are skipped, events
+    outside the sensor are left out, and so are events whose time is more than 45 ms before or
+    after that of those around them (one that is earlier by less is given the time of the one
+    before). Words of evt3 before the first time and row are skipped, as are triggers.
 
     Args:
         encoding: One of DECODABLE.
@@ -102,18 +143,17 @@ def decode(
         is_bigendian: The packet's flag: such packets are refused.
 
     Raises:
-        PacketError: The packet is not what the encoding allows, an event is outside the sensor,
-            or times decrease.
+        PacketError: Nothing in the packet can be understood: an unknown encoding, a size that
+            the encoding cannot hold, half a word, or more events than MAX_EVENTS.
     """
     word_bytes = _check(encoding, stamp_ns, time_base_ns, width, height, is_bigendian)
     payload = check_payload(encoding, data, word_bytes)
     width, height = int(width), int(height)
     if encoding == 'evt3':
-        anchor_us = int(stamp_ns) // 1000
-        decoded = evt3.decode(payload, width, height, anchor_us, 0, evt3.new_state())
+        decoded = evt3.decode(payload, width, height, int(stamp_ns) // 1000, evt3.new_state())
     else:
-        decoded = _decode_from_time_base(encoding, payload, int(time_base_ns), width, height, 0)
-    return _events(encoding, decoded, width, height)
+        decoded = _decode_from_time_base(encoding, payload, int(time_base_ns), width, height)
+    return _decoded_packet(encoding, decoded, int(time_base_ns), width, height)
 
 
 class Decoder:
@@ -121,13 +161,15 @@ class Decoder:
 
     Where `decode` looks at a packet by itself, this keeps what evt3 carries from packet to
     packet (time, row) and counts how often its 24-bit time came round, as event_camera_codecs
-    does: cameras begin their packets anywhere in the stream. A camera's time may go back a
-    little within a packet (by 41 ms at most): such events are given the time of the one before.
-    What is carried is forgotten when the stamp goes back, as in a replay or after a reset, or
-    when encoding or size change.
+    does: cameras begin their packets anywhere in the stream. What is carried is forgotten when
+    encoding or size change, or when a stamp is earlier than the latest one by more than a
+    tolerance, as in a replay that is repeated. A stamp that goes back by less changes nothing:
+    clock synchronisation does that.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stamp_tolerance_ns: int = STAMP_TOLERANCE_NS) -> None:
+        """Begin with nothing; stamps may go back by the tolerance."""
+        self._tolerance_ns = stamp_tolerance_ns
         self._state = evt3.new_state()
         self._source = ('', 0, 0)
         self._stamp_ns = 0
@@ -142,32 +184,51 @@ class Decoder:
         height: int,
         is_bigendian: bool = False,
     ) -> Events:
-        """Decode the next packet; arguments and errors as of the function `decode`.
+        """Decode the next packet and return its events; see `decode_packet`."""
+        return self.decode_packet(
+            encoding, data, stamp_ns, time_base_ns, width, height, is_bigendian
+        ).events
 
-        After an error, evt3 events are skipped until time and row are known again.
+    def decode_packet(
+        self,
+        encoding: str,
+        data: Buffer,
+        stamp_ns: int,
+        time_base_ns: int,
+        width: int,
+        height: int,
+        is_bigendian: bool = False,
+    ) -> DecodedPacket:
+        """Decode the next packet; arguments and errors as of the function `decode_packet`.
+
+        After an error the time goes on; evt3 events are skipped until the row is known again.
         """
-        word_bytes = _check(encoding, stamp_ns, time_base_ns, width, height, is_bigendian)
-        width, height = int(width), int(height)
-        if stamp_ns < self._stamp_ns or self._source != (encoding, width, height):
-            self._state = evt3.new_state()
-            self._source = (encoding, width, height)
-        self._stamp_ns = stamp_ns
         try:
+            word_bytes = _check(encoding, stamp_ns, time_base_ns, width, height, is_bigendian)
             payload = check_payload(encoding, data, word_bytes)
+            width, height = int(width), int(height)
+            self._note_source((encoding, width, height), int(stamp_ns))
             if encoding == 'evt3':
-                decoded = evt3.decode(payload, width, height, evt3.NO_ANCHOR, BACK_US, self._state)
+                decoded = evt3.decode(payload, width, height, evt3.NO_ANCHOR, self._state)
             else:
                 decoded = _decode_from_time_base(
-                    encoding, payload, int(time_base_ns), width, height, BACK_US
+                    encoding, payload, int(time_base_ns), width, height
                 )
-            return _events(encoding, decoded, width, height)
+            return _decoded_packet(encoding, decoded, int(time_base_ns), width, height)
         except PacketError:
-            self.resynchronise()
+            evt3.forget_place(self._state)
             raise
 
     def resynchronise(self) -> None:
         """Skip evt3 events until time and row are known again: call it when packets were lost."""
         evt3.resynchronise(self._state)
+
+    def _note_source(self, source: tuple[str, int, int], stamp_ns: int) -> None:
+        if self._source != source or stamp_ns < self._stamp_ns - self._tolerance_ns:
+            self._state = evt3.new_state()
+            self._source, self._stamp_ns = source, stamp_ns
+        elif stamp_ns > self._stamp_ns:
+            self._stamp_ns = stamp_ns
 
 
 def _check_events(events: Events) -> Events:
@@ -198,24 +259,27 @@ def _check(
 
 
 def _decode_from_time_base(
-    encoding: str,
-    payload: NDArray[np.uint8],
-    time_base_ns: int,
-    width: int,
-    height: int,
-    back_us: int,
+    encoding: str, payload: NDArray[np.uint8], time_base_ns: int, width: int, height: int
 ) -> Decoded:
     if encoding == 'mono':
-        decoded: Decoded = mono.decode(payload, width, height, time_base_ns, back_us * 1000)
+        decoded: Decoded = mono.decode(payload, width, height, time_base_ns)
     elif encoding == 'libcaer':
-        decoded = libcaer.decode(payload, width, height, time_base_ns, back_us)
+        decoded = libcaer.decode(payload, width, height, time_base_ns)
     else:
-        decoded = libcaer_cmp.decode(payload, width, height, time_base_ns, back_us)
+        decoded = libcaer_cmp.decode(payload, width, height, time_base_ns)
     return decoded
 
 
-def _events(encoding: str, decoded: Decoded, width: int, height: int) -> Events:
-    events, fault, index = decoded
-    if fault != FINE:
-        raise fault_error(encoding, fault, index, width, height)
-    return events
+def _decoded_packet(
+    encoding: str, decoded: Decoded, time_base_ns: int, width: int, height: int
+) -> DecodedPacket:
+    events, fault, reserved, outside, mistimed, told_us = decoded
+    if fault:
+        raise fault_error(encoding, fault, 0, width, height)
+    is_whole = not (reserved or outside or mistimed)
+    dropped = _NOTHING if is_whole else Dropped(reserved, outside, mistimed)
+    if told_us == NO_TIME:
+        return DecodedPacket(events, dropped, None)
+    return DecodedPacket(
+        events, dropped, told_us * 1000 + (0 if encoding == 'evt3' else time_base_ns)
+    )

@@ -24,25 +24,26 @@ MAX_EVENTS = 2**24
 MAX_TIME_NS = 2**62
 
 EVENT_RECORD = numba.from_dtype(EVENT_DTYPE)
+_BYTE = np.dtype(np.uint8)
+
+#: The time of an event may be this much earlier than that of the event before [us]. It is then
+#: replaced by the latter. The times of real cameras fall by up to ten counts of evt3's TIME_HIGH.
+BACK_US = 11 * 2**12
+#: In place of a time: the packet tells none.
+NO_TIME = -(2**62)
 
 FINE = 0
-UNKNOWN_WORD = 1
-OUTSIDE = 2
-NO_ADDRESS = 3
-BACKWARDS = 4
-TOO_MANY = 5
-NEGATIVE_TIME = 6
-POLARITY = 7
-FRACTION = 8
-OUT_OF_REACH = 9
+OUTSIDE = 1
+BACKWARDS = 2
+TOO_MANY = 3
+POLARITY = 4
+FRACTION = 5
+OUT_OF_REACH = 6
 
 _FAULTS = {
-    UNKNOWN_WORD: 'expected a known word',
     OUTSIDE: 'expected coordinates inside the sensor',
-    NO_ADDRESS: 'expected row and column before the event',
     BACKWARDS: 'expected times that do not decrease',
     TOO_MANY: f'expected at most {MAX_EVENTS} events in a packet',
-    NEGATIVE_TIME: 'expected a time of zero or more',
     POLARITY: 'expected a polarity of +1 or -1',
     FRACTION: 'expected a time of whole microseconds',
     OUT_OF_REACH: "expected a time that the encoding reaches from the packet's stamp",
@@ -50,8 +51,17 @@ _FAULTS = {
 
 #: A payload: whatever has the buffer protocol.
 Buffer: TypeAlias = 'bytes | bytearray | memoryview | array[int] | NDArray[Any]'
-#: Events, FINE or the fault, and the index of the word or event at fault.
-Decoded: TypeAlias = 'tuple[Events, int, int]'
+#: What a decoding kernel returns: events, FINE or TOO_MANY, the three counts of `Dropped`, and the
+#: latest time that the packet tells in the unit of its encoding, or NO_TIME.
+Decoded: TypeAlias = 'tuple[Events, int, int, int, int, int]'
+
+
+class Dropped(NamedTuple):
+    """What of a packet was left out because it makes no sense."""
+
+    reserved: int = 0  # words that the encoding does not define
+    outside: int = 0  # events outside the image, or whose row or column is not known
+    mistimed: int = 0  # events whose time does not fit those of the other events
 
 
 class Layout(NamedTuple):
@@ -89,17 +99,16 @@ def check_packet(encoding: str, stamp_ns: int, width: int, height: int) -> Layou
 
 def check_payload(encoding: str, data: Buffer, word_bytes: int) -> NDArray[np.uint8]:
     """Return the payload as read-only bytes, or raise PacketError for its length."""
-    payload: NDArray[np.uint8] = np.frombuffer(data, np.uint8)
-    if payload.size > MAX_BYTES:
+    payload: NDArray[np.uint8] = np.frombuffer(data, _BYTE)
+    size = len(payload)
+    if size > MAX_BYTES:
+        raise PacketError(f'{encoding} packet: expected at most {MAX_BYTES} bytes, got {size}')
+    if size % word_bytes:
         raise PacketError(
-            f'{encoding} packet: expected at most {MAX_BYTES} bytes, got {payload.size}'
-        )
-    if payload.size % word_bytes:
-        raise PacketError(
-            f'{encoding} packet: expected words of {word_bytes} bytes, got {payload.size} bytes'
+            f'{encoding} packet: expected words of {word_bytes} bytes, got {size} bytes'
         )
     # The kernels are compiled for one type of array only.
-    payload.flags.writeable = False
+    payload.setflags(write=False)
     return payload
 
 
@@ -129,14 +138,35 @@ def put_event(events: Events, n: int, t_ns: int, x: int, y: int, on: int) -> Non
 
 
 @numba.njit(cache=True)
-def fault_of(t: int, latest: int, x: int, y: int, width: int, height: int, back: int) -> int:
-    """Return what is wrong with an event, or FINE.
+def put_in_order(events: Events, back_ns: int) -> Events:
+    """Make the times of a packet's events non-decreasing.
 
-    A time up to `back` earlier than the latest one passes: the caller puts the latest in its
-    place. Both are in the same unit.
+    A time that is earlier than the one before by up to `back_ns` is replaced by it. Where times
+    differ by more, either those that are too early or those that are too late are wrong: the
+    smaller number of events is left out.
+
+    Args:
+        events: The packet's events, changed in place, (N,).
+        back_ns: How far times may fall [ns].
+
+    Returns:
+        The events that are kept, (M,).
     """
-    if x < 0 or y < 0:
-        return NO_ADDRESS
-    if x >= width or y >= height:
-        return OUTSIDE
-    return FINE if latest - t <= back else BACKWARDS
+    n = len(events)
+    too_early, too_late = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    highest, lowest = events[0].t, events[n - 1].t
+    for i in range(n):
+        highest = max(highest, events[i].t)
+        too_early[i] = highest - events[i].t > back_ns
+        last = n - 1 - i
+        lowest = min(lowest, events[last].t)
+        too_late[last] = events[last].t - lowest > back_ns
+    is_left_out = too_early if too_early.sum() <= too_late.sum() else too_late
+    kept = 0
+    for i in range(n):
+        if not is_left_out[i]:
+            t_ns = events[i].t if kept == 0 else max(events[i].t, events[kept - 1].t)
+            events[kept] = events[i]
+            events[kept].t = t_ns
+            kept += 1
+    return events[:kept]

@@ -1,6 +1,6 @@
 import pytest
 
-from spikelane_sim.codecs import decode, Decoder
+from spikelane_sim.codecs import decode, decode_packet, Decoder
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import Events
 
@@ -30,19 +30,28 @@ def test_libcaer_time_comes_round_after_31_bits() -> None:
 
 
 @pytest.mark.parametrize(
-    ('words', 'message'),
+    ('words', 'dropped'),
     [
-        ('01000000 00000080', 'zero or more, not so at index 0'),
-        ('01000000 05000000 01000000 04000000', 'do not decrease, not so at index 1'),
-        ('01000005 00000000', 'inside the sensor'),
-        ('81070000 00000000', 'inside the sensor'),
-        ('01000000 000000', 'words of 8 bytes, got 7'),
+        ('01000000 00000080', (0, 0, 1)),
+        ('01000005 00000000', (0, 1, 0)),
+        ('81070000 00000000', (0, 1, 0)),
+        ('01000000 00000070', (0, 0, 1)),
     ],
 )
-def test_malformed_libcaer_is_an_error(words: str, message: str) -> None:
-    """Negative time, time that decreases, column 640, row 480, a byte too few."""
-    with pytest.raises(PacketError, match=message):
-        read('libcaer', words)
+def test_a_bad_libcaer_word_costs_one_event(words: str, dropped: tuple[int, int, int]) -> None:
+    """Negative time, column 640, row 480, a time half an hour after that of the next event."""
+    whole = ['0f000a00 07000000', '0d000a00 08000000', '0d000a00 08000000']
+    for place in range(2):
+        data = bytes.fromhex(''.join(whole[:place] + [words] + whole[place:]))
+        decoded = decode_packet('libcaer', data, 0, BASE, 640, 480)
+        assert rows(decoded.events) == [(7_000, 5, 3, 1), (8_000, 5, 3, -1), (8_000, 5, 3, -1)]
+        assert decoded.dropped == dropped
+
+
+def test_half_a_libcaer_word_is_an_error() -> None:
+    """A byte too few."""
+    with pytest.raises(PacketError, match='words of 8 bytes, got 7'):
+        read('libcaer', '01000000 000000')
 
 
 def test_libcaer_cmp_rows_make_the_events() -> None:
@@ -58,22 +67,37 @@ def test_libcaer_cmp_vectors_run_down_a_column() -> None:
 
 
 @pytest.mark.parametrize(
-    ('words', 'message'),
+    ('words', 'dropped', 'places'),
     [
-        ('0520 0060', 'known word, not so at index 1'),
-        ('00f0', 'known word'),
-        ('0338', 'row and column before the event, not so at index 0'),
-        ('0520 0150', 'row and column before the event, not so at index 1'),
-        ('8022 0030', 'inside the sensor, not so at index 1'),
-        ('0520 e031', 'inside the sensor, not so at index 1'),
-        ('0520 0510 0030 0410 0030', 'do not decrease, not so at index 4'),
-        ('05', 'words of 2 bytes, got 1'),
+        ('0520 0060 ffff 0338', (2, 0, 0), [(5, 3)]),
+        ('0338 0520 0338', (0, 1, 0), [(5, 3)]),
+        ('0520 0150 0338', (0, 1, 0), [(5, 3)]),
+        ('8022 0030 0520 0338', (0, 1, 0), [(5, 3)]),
+        ('0520 e031 0338', (0, 1, 0), [(5, 3)]),
+        ('0520 dc49 ff50 0338', (0, 4, 0), [(5, 476), (5, 477), (5, 478), (5, 479), (5, 3)]),
+        ('0520 0338 ff07 0338 0000 0338', (0, 0, 1), [(5, 3), (5, 3)]),
     ],
 )
-def test_malformed_libcaer_cmp_is_an_error(words: str, message: str) -> None:
-    """Unknown words, addresses missing or outside, time that decreases, half a word."""
-    with pytest.raises(PacketError, match=message):
-        read('libcaer_cmp', words)
+def test_a_bad_libcaer_cmp_word_costs_itself(
+    words: str, dropped: tuple[int, int, int], places: list[tuple[int, int]]
+) -> None:
+    """Reserved words; no column; no base; outside; a vector past the edge; 8 s too late."""
+    decoded = decode_packet('libcaer_cmp', bytes.fromhex(words), 0, BASE, 640, 480)
+    assert [(x, y) for _, x, y, _ in rows(decoded.events)] == places
+    assert decoded.dropped == dropped
+
+
+def test_half_a_libcaer_cmp_word_is_an_error() -> None:
+    """A byte too few."""
+    with pytest.raises(PacketError, match='words of 2 bytes, got 1'):
+        read('libcaer_cmp', '05')
+
+
+def test_libcaer_cmp_tells_the_time_without_events() -> None:
+    """TIME_HIGH 1, TIME_LOW 2."""
+    data = bytes.fromhex('0100 0210')
+    decoded = Decoder().decode_packet('libcaer_cmp', data, 0, BASE, 640, 480)
+    assert decoded.time_ns == BASE + 4_098_000
 
 
 def test_a_decoder_holds_a_time_that_falls_a_little() -> None:

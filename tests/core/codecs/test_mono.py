@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from spikelane_sim.codecs import decode, encode
+from spikelane_sim.codecs import decode, decode_packet, encode
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import make_events, no_events
 
@@ -55,17 +55,30 @@ def test_events_that_cannot_be_written_are_an_error(
         encode('mono', make_events(t_ns, x, y, polarity), 50_000_000, 8, 8)
 
 
+@pytest.mark.parametrize('data', [ON[:7], ON + b'\0'])
+def test_half_a_word_is_an_error(data: bytes) -> None:
+    """A byte too few or too many."""
+    with pytest.raises(PacketError, match=f'words of 8 bytes, got {len(data)} bytes'):
+        decode('mono', data, 0, 0, 2000, 2000)
+
+
 @pytest.mark.parametrize(
-    ('data', 'message'),
+    ('bad', 'places', 'dropped'),
     [
-        (ON[:7], 'words of 8 bytes, got 7 bytes'),
-        (ON + b'\0', 'words of 8 bytes, got 9 bytes'),
-        (ON + bytes(8), 'do not decrease, not so at index 1'),
-        (bytes.fromhex('00000000 d007 0000'), 'inside the sensor, not so at index 0'),
-        (bytes.fromhex('00000000 0000 d007'), 'inside the sensor, not so at index 0'),
+        ('04030201 d007 0000', range(4), (0, 1, 0)),
+        ('04030201 0000 d007', range(4), (0, 1, 0)),
+        ('00000000 0000 0000', range(1, 4), (0, 0, 1)),
+        ('ffffffff 0000 0000', range(2), (0, 0, 1)),
     ],
 )
-def test_malformed_bytes_are_an_error(data: bytes, message: str) -> None:
-    """Column or row 2000 of 2000 among them."""
-    with pytest.raises(PacketError, match=message):
-        decode('mono', data, 0, 0, 2000, 2000)
+def test_a_bad_word_costs_one_event(
+    bad: str, places: range, dropped: tuple[int, int, int]
+) -> None:
+    """Column or row 2000 of 2000; 180 ms before the event before; 4 s after the next one."""
+    good = ['0403020b 0605 0887', '0403020b 0605 0807', '0403020b 0605 0807']
+    for place in places:
+        data = bytes.fromhex(''.join([*good[:place], bad, *good[place:]]))
+        decoded = decode_packet('mono', data, 0, 0, 2000, 2000)
+        assert decoded.events['polarity'].tolist() == [1, -1, -1]
+        assert set(decoded.events['t'].tolist()) == {0x0B020304}
+        assert decoded.dropped == dropped

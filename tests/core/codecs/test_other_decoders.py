@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spikelane_sim.codecs import encode
+from spikelane_sim.codecs import Decoder, encode
 from spikelane_sim.events import Events, make_events
 
 HEADER = """\
@@ -37,6 +37,29 @@ def _recording(tmp_path: Path) -> tuple[Path, Events]:
     return path, np.concatenate(steps)
 
 
+@pytest.fixture(name='hour', scope='module')
+def _hour(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Events]:
+    """A raw file of an hour's packets, 72,000 steps, and its events.
+
+    Many steps have no event, some for longer than the time takes to come round (20 s).
+    """
+    rng = np.random.default_rng(8)
+    path, seen = tmp_path_factory.mktemp('hour') / 'hour.raw', []
+    with path.open('wb') as file:
+        file.write(HEADER.encode())
+        for step in range(1, 72_001):
+            stamp_ns = step * STEP_NS
+            is_quiet = step // 400 % 3 == 1
+            count = 0 if is_quiet else int(rng.integers(0, 4))
+            t_ns = stamp_ns - np.sort(rng.integers(0, STEP_NS // 1000, count))[::-1] * 1000
+            events = make_events(
+                t_ns, *rng.integers(0, 128, (2, count)), rng.choice([-1, 1], count)
+            )
+            file.write(encode('evt3', events, stamp_ns, 128, 128).data)
+            seen.append(events)
+    return path, np.concatenate(seen)
+
+
 def test_expelliarmus_reads_our_events(recording: tuple[Path, Events]) -> None:
     """Its times are too late by multiples of 4.096 ms (its issue 19), so modulo that."""
     expelliarmus = pytest.importorskip('expelliarmus')
@@ -57,3 +80,24 @@ def test_faery_reads_our_events(recording: tuple[Path, Events]) -> None:
     assert np.array_equal(read['y'], events['y'])
     assert np.array_equal(read['on'], events['polarity'] == 1)
     assert np.array_equal(read['t'], events['t'] // 1000)
+
+
+def test_faery_reads_an_hour_of_our_packets(hour: tuple[Path, Events]) -> None:
+    """It takes the time for come round only where TIME_HIGH goes from 4095 to 0."""
+    faery = pytest.importorskip('faery')
+    path, events = hour
+    read = faery.events_stream_from_file(path).to_array()
+    assert len(read) > 50_000
+    assert np.array_equal(read['t'], events['t'] // 1000)
+    assert np.array_equal(read['x'], events['x'])
+    assert np.array_equal(read['on'], events['polarity'] == 1)
+
+
+def test_our_decoder_reads_an_hour_of_our_packets_as_one(hour: tuple[Path, Events]) -> None:
+    """As it does a camera's stream, cut anywhere."""
+    path, events = hour
+    data = path.read_bytes()[len(HEADER) :]
+    decoder, read = Decoder(), []
+    for begin in range(0, len(data), 1000):
+        read.append(decoder.decode('evt3', data[begin : begin + 1000], 0, 0, 128, 128))
+    assert np.array_equal(np.concatenate(read), events)

@@ -243,18 +243,12 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         duration_s: Of them.
         source: 'simulator' or 'camera', as the packets were taken.
         packets, lost_packets, faulty_packets: Event packets read, missing, not decodable.
+        reserved_words, events_outside, events_mistimed, restarts: As `Sensor` counts them.
         events: Events decoded: on, off, sum_x and sum_y of their coordinates; kept: those that
             are left after cropping.
         notes: What is missing, damaged or out of order.
     """
-    notes = list(drive.notes)
-    if sensor.faulty:
-        notes.append(
-            f'{sensor.faulty} event packets cannot be decoded; taken as empty: '
-            f'{sensor.first_fault}'
-        )
-    if sensor.restarts:
-        notes.append(f"the camera's time jumped {sensor.restarts} times; steps begin anew there")
+    notes = [*drive.notes, *sensor.notes.values()]
     if failure := unmeasured(answers, sensor):
         notes.append(failure)
     counts = {name: getattr(sensor, name) for name in ('on', 'off', 'sum_x', 'sum_y', 'kept')}
@@ -267,6 +261,10 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         'packets': sensor.packets,
         'lost_packets': sensor.lost,
         'faulty_packets': sensor.faulty,
+        'reserved_words': sensor.reserved,
+        'events_outside': sensor.outside,
+        'events_mistimed': sensor.mistimed,
+        'restarts': sensor.restarts,
         'events': counts,
         'notes': notes,
     }
