@@ -25,6 +25,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 
 _LOOK_EVERY_S = 0.5  # whether the middleware was shut down
@@ -70,7 +71,7 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
     with ending:
         try:
             node = ending.node = make_node()
-            _warn_of_unknown_parameters(node)
+            warn_of_unused_parameters(node, sys.argv if arguments is None else arguments)
             executor.add_node(node)
             while rclpy.ok():
                 # rclpy wakes the executor before it shuts down: one that is quick to look finds
@@ -162,18 +163,6 @@ class _Ending:
         except TimeoutError:
             return False
         return True
-
-
-def _warn_of_unknown_parameters(node: Node) -> None:
-    """Name the parameters given that the node does not have, as rclpy ignores them in silence.
-
-    They are no error: one file may be meant for several nodes.
-    """
-    unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
-    if unknown:
-        node.get_logger().warning(
-            f'{", ".join(unknown)}: expected parameters of {node.get_name()}; ignored'
-        )
 
 
 @contextlib.contextmanager

@@ -35,6 +35,7 @@ from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
 from spikelane_sim.nodes.direct import NotForExecutors
+from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.parameters import parameter, Parameters
@@ -333,6 +334,7 @@ def _record(stop: Stop) -> int:
         rclpy.logging.get_logger('recorder').error(str(error))
         return 2
     try:
+        warn_of_unused_parameters(recorder, sys.argv)
         recorder.spin(stop)
         recorder.finish()
     except BagError as error:
