@@ -160,8 +160,8 @@ def test_a_state_does_not_change_when_the_controller_goes_on() -> None:
             np.zeros(99),
             'network.history: expected fields of one length',
         ),
-        ('steering.turn', float('nan'), 'steering.turn: expected a float, got nan'),
-        ('learning', 1, 'learning: expected a bool, got 1'),
+        ('steering.turn', float('nan'), 'steering.turn: expected a number, got nan'),
+        ('learning', 1, 'learning: expected true or false, got 1'),
         ('weights', np.zeros(3), 'weights: expected one of network.neurons'),
     ],
 )

@@ -212,7 +212,10 @@ def _braitenberg(folder: Path) -> Iterator[_Figure]:
         file = folder / 'braitenberg_weights'
         return draw_fixed_weights(weights_pa, EncodingParameters(), file, 'Braitenberg weights')
 
-    caption = 'Weights of the Braitenberg controller'
+    caption = (
+        'Weights of the Braitenberg controller, of which by default only those of the lowest row '
+        'have an effect'
+    )
     yield _Figure('Braitenberg controller', 'braitenberg_weights', caption, draw)
 
 
