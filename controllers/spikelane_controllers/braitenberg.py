@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.decoding import initial_steering, steer, SteeringParameters
 from spikelane_controllers.operations import Operations
-from spikelane_controllers.poisson import firing_rates, poisson_spikes, PoissonParameters
+from spikelane_controllers.poisson import (
+    check_spikes,
+    firing_rates,
+    poisson_spikes,
+    PoissonParameters,
+)
 from spikelane_controllers.spiking import (
     DelayParameters,
     neuron_constants,
@@ -47,8 +52,10 @@ _LEFT_WEIGHTS_PA = (
 class BraitenbergPoisson(PoissonParameters):
     """Rates of the Braitenberg network's inputs, higher than in the paper's R-STDP table."""
 
-    max_rate_hz: float = parameter(500.0, 'Largest rate.', unit='Hz', low=0.0)
-    max_events: int = parameter(10, 'Events in a step that make the largest rate.', low=1)
+    max_rate_hz: float = parameter(500.0, 'Largest rate.', unit='Hz', low=0.0, high=1e4)
+    max_events: int = parameter(
+        10, 'Events in a step that make the largest rate.', low=1, high=1_000_000
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -56,7 +63,11 @@ class BraitenbergDelays(DelayParameters):
     """Delays of the Braitenberg network, whose inputs reach the neurons without a relay."""
 
     to_relay_ms: float = parameter(
-        0.0, 'From an input to its relay; 0 where there is no relay.', unit='ms', low=0.0
+        0.0,
+        'From an input to its relay; 0 where there is no relay.',
+        unit='ms',
+        low=0.0,
+        high=1000.0,
     )
 
 
@@ -65,7 +76,7 @@ class BraitenbergSteering(SteeringParameters):
     """Steering of the Braitenberg controller: full activity is what the neurons can do."""
 
     n_max: int = parameter(
-        25, 'Spikes in a step at full activity.', low=1, source='equation of n_max'
+        25, 'Spikes in a step at full activity.', low=1, high=10_000, source='equation of n_max'
     )
 
 
@@ -77,10 +88,12 @@ class BraitenbergParameters(Parameters):
         _LEFT_WEIGHTS_PA,
         "Weights from the image's left half to the left neuron, by rows; the right is its mirror.",
         unit='pA',
+        low=-1e6,
+        high=1e6,
         source=_FIGURE,
     )
     lowest_rows: int = parameter(
-        1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1
+        1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1, high=2048
     )
     encoding: EncodingParameters = nested(EncodingParameters)
     poisson: BraitenbergPoisson = nested(BraitenbergPoisson)
@@ -89,6 +102,7 @@ class BraitenbergParameters(Parameters):
     steering: BraitenbergSteering = nested(BraitenbergSteering)
 
     def _check_relations(self) -> None:
+        check_spikes(self.poisson, self.encoding)
         rows, columns = self.encoding.rows, self.encoding.columns
         if columns % 2:
             raise ParameterError(

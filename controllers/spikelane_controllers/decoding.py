@@ -28,15 +28,32 @@ _TABLE = 'table "Simulation parameters specification"'
 class SteeringParameters(Parameters):
     """The steering model; speeds are of the wheels (see `WheelVelocities` for their unit)."""
 
-    n_max: int = parameter(15, 'Spikes in a step at full activity.', low=1, source=_TABLE)
+    n_max: int = parameter(
+        15, 'Spikes in a step at full activity.', low=1, high=10_000, source=_TABLE
+    )
     v_min: float = parameter(
-        1.0, 'Speed when one neuron alone is active.', unit='rad/s', low=0.0, source=_TABLE
+        1.0,
+        'Speed when one neuron alone is active.',
+        unit='rad/s',
+        low=0.0,
+        high=100.0,
+        source=_TABLE,
     )
     v_max: float = parameter(
-        1.5, 'Speed when both are equally active.', unit='rad/s', low=0.0, source=_TABLE
+        1.5,
+        'Speed when both are equally active.',
+        unit='rad/s',
+        low=0.0,
+        high=100.0,
+        source=_TABLE,
     )
     turn: float = parameter(
-        0.5, 'Turn when one neuron alone is active.', unit='rad/s', low=0.0, source=_TABLE
+        0.5,
+        'Turn when one neuron alone is active.',
+        unit='rad/s',
+        low=0.0,
+        high=100.0,
+        source=_TABLE,
     )
 
     def _check_relations(self) -> None:

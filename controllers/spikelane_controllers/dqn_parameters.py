@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from spikelane_controllers.q_network import QNetworkParameters
+from spikelane_controllers.q_network import MOST_WEIGHTS, QNetworkParameters
 from spikelane_sim.encoding import StateImageParameters
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, Parameters
 from spikelane_sim.task import DecisionParameters
 
 _TABLE = 'table "DQN parameters"'
@@ -17,9 +17,11 @@ class QLearningParameters(Parameters):
     """How the network learns. Steps are those of actions."""
 
     discount: float = parameter(0.99, 'Discount factor.', low=0.0, high=1.0, source=_TABLE)
-    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, source=_TABLE)
-    batch_size: int = parameter(32, 'Transitions of an update.', low=1, source=_TABLE)
-    update_every: int = parameter(4, 'Steps between updates.', low=1, source=_TABLE)
+    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
+    batch_size: int = parameter(32, 'Transitions of an update.', low=1, high=65_536, source=_TABLE)
+    update_every: int = parameter(
+        4, 'Steps between updates.', low=1, high=1_000_000, source=_TABLE
+    )
     soft_update: float = parameter(
         0.001,
         'Part of the way that the target network goes to the network after an update.',
@@ -27,17 +29,21 @@ class QLearningParameters(Parameters):
         high=1.0,
         source=_TABLE,
     )
-    buffer_size: int = parameter(5000, 'Last transitions kept.', low=1, source=_TABLE)
+    buffer_size: int = parameter(
+        5000, 'Last transitions kept.', low=1, high=10_000_000, source=_TABLE
+    )
     random_steps: int = parameter(
         1000,
         'Steps before the first update, in which exploration stays at its start.',
         low=0,
+        high=MOST_STEPS,
         source=_TABLE,
     )
     annealing_steps: int = parameter(
         49_000,
         "Steps after them in which exploration falls (99000 in the authors' program).",
         low=1,
+        high=MOST_STEPS,
         source=_TABLE,
     )
     exploration_start: float = parameter(
@@ -74,3 +80,12 @@ class DqnParameters(Parameters):
     task: DecisionParameters = nested(DecisionParameters)
     network: QNetworkParameters = nested(QNetworkParameters)
     q_learning: QLearningParameters = nested(QLearningParameters)
+
+    def _check_relations(self) -> None:
+        inputs = self.image.rows * self.image.columns
+        network, learning = self.network, self.q_learning
+        both = {'image, network.hidden_2': inputs + network.hidden_2}
+        check_size('weights', {**both, 'network.hidden_1': network.hidden_1}, MOST_WEIGHTS)
+        states = {'inputs (image)': inputs}
+        check_size('values', {**states, 'q_learning.batch_size': learning.batch_size}, 1e8)
+        check_size('values', {**states, 'q_learning.buffer_size': learning.buffer_size}, 4e9)

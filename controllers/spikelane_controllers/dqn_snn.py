@@ -24,7 +24,7 @@ from spikelane_controllers.transferred import InputScale, read_transferred
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
 from spikelane_sim.events import no_events
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 
 
@@ -32,7 +32,7 @@ from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 class FrameParameters(StateImageParameters):
     """What the inputs see: the cells of the Q-network, in one step rather than ten."""
 
-    frames: int = parameter(1, 'Last steps that count.', low=1, source='section 3.5')
+    frames: int = parameter(1, 'Last steps that count.', low=1, high=1000, source='section 3.5')
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -61,6 +61,11 @@ class DqnSnnParameters(Parameters):
     encoding: FrameParameters = nested(FrameParameters)
     neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
     actions: ActionParameters = nested(ActionParameters)
+
+    def _check_relations(self) -> None:
+        inputs = self.encoding.rows * self.encoding.columns
+        steps = {'time steps (neurons.simulated_ms, neurons.step_ms)': self.neurons.steps}
+        check_size('numbers drawn in a step', {**steps, 'inputs (encoding)': inputs}, 1e7)
 
 
 def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:

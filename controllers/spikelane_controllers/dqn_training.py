@@ -20,7 +20,7 @@ from spikelane_controllers.states import NAME, StateStore
 from spikelane_controllers.training import Training, TrainingParameters
 from spikelane_sim.contract import LaneState
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.parameters import parameter
+from spikelane_sim.parameters import MOST_STEPS, parameter
 
 _RECENT_EPISODES = 100  # that Stable-Baselines3 takes means over
 
@@ -29,9 +29,9 @@ _RECENT_EPISODES = 100  # that Stable-Baselines3 takes means over
 class DqnTrainingParameters(TrainingParameters):
     """How long a training of the deep Q-network takes and how often it is saved."""
 
-    steps: int = parameter(100_000, 'Steps to drive, of one action each.', low=1)
+    steps: int = parameter(100_000, 'Steps to drive, of one action each.', low=1, high=MOST_STEPS)
     save_every: int = parameter(
-        1000, 'Steps between checkpoints; a kill costs at most these.', low=1
+        1000, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
     )
 
 

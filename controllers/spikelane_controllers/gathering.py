@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters
 
@@ -27,16 +27,24 @@ Show = Callable[[int, int], None]
 _MOST = 255  # that a count can be in a stored state
 
 
+#: States that one transfer learns from.
+MOST_STATES = 10_000_000
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GatheringParameters(Parameters):
     """How many states, and how they are met."""
 
-    states: int = parameter(50_000, 'States to meet.', low=1)
+    states: int = parameter(50_000, 'States to meet.', low=1, high=MOST_STATES)
     random_actions: float = parameter(
         0.1, 'Share of the actions that are drawn at random.', low=0.0, high=1.0
     )
     decision: DecisionParameters = nested(DecisionParameters)
     encoding: StateImageParameters = nested(StateImageParameters)
+
+    def _check_relations(self) -> None:
+        inputs = self.encoding.rows * self.encoding.columns
+        check_size('counts', {'states': self.states, 'inputs (encoding)': inputs}, 5e8)
 
 
 def gather_states(

@@ -27,20 +27,23 @@ _TABLE = 'table "DQN-SNN parameters"'
 
 RESETS = ('zero', 'subtract')
 
+#: Time steps in a step of the simulator.
+_MOST_STEPS = 1_000_000
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class IntegrateAndFireParameters(Parameters):
     """Neurons, and how long they are simulated for each step of the simulator."""
 
     simulated_ms: float = parameter(
-        10.0, 'Time simulated in each step of 50 ms.', unit='ms', low=1e-3, source=_TABLE
+        10.0, 'Time simulated in each step of 50 ms.', unit='ms', low=1e-3, high=1e6, source=_TABLE
     )
-    step_ms: float = parameter(1.0, 'Time step.', unit='ms', low=1e-3, source=_TABLE)
+    step_ms: float = parameter(1.0, 'Time step.', unit='ms', low=1e-3, high=1e6, source=_TABLE)
     max_rate_hz: float = parameter(
-        1000.0, 'Firing rate of an input of value 1.', unit='Hz', low=0.0, source=_TABLE
+        1000.0, 'Firing rate of an input of value 1.', unit='Hz', low=0.0, high=1e6, source=_TABLE
     )
     threshold_mv: float = parameter(
-        1.0, 'Threshold, in the unit of the weights.', unit='mV', low=1e-3, source=_TABLE
+        1.0, 'Threshold, in the unit of the weights.', unit='mV', low=1e-3, high=1e6, source=_TABLE
     )
     reset: str = parameter(
         'zero', 'Potential after a spike: 0, or what it was less the threshold.', choices=RESETS
@@ -52,6 +55,11 @@ class IntegrateAndFireParameters(Parameters):
             raise ParameterError(
                 f'simulated_ms: expected a multiple of step_ms = {self.step_ms:g} ms, '
                 f'got {self.simulated_ms:g}'
+            )
+        if self.steps > _MOST_STEPS:
+            raise ParameterError(
+                f'simulated_ms: expected at most {_MOST_STEPS} steps of step_ms = '
+                f'{self.step_ms:g} ms, got {self.simulated_ms:g} ms'
             )
         if self.probability > 1:
             raise ParameterError(

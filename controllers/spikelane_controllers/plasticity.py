@@ -74,27 +74,57 @@ class SynapseParameters(Parameters):
     """NEST's parameters of stdp_dopamine_synapse; its baseline b is 0."""
 
     a_plus: float = parameter(
-        1.0, 'Eligibility gained when the neuron spikes after the relay.', low=0.0, source=_TABLE
+        1.0,
+        'Eligibility gained when the neuron spikes after the relay.',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
     )
     a_minus: float = parameter(
-        1.0, 'Eligibility lost when the relay spikes after the neuron.', low=0.0, source=_TABLE
+        1.0,
+        'Eligibility lost when the relay spikes after the neuron.',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
     )
     tau_plus_ms: float = parameter(
-        20.0, "Time constant of the relay's trace K_plus.", unit='ms', low=GRID_MS, source=_TABLE
+        20.0,
+        "Time constant of the relay's trace K_plus.",
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
+        source=_TABLE,
     )
     tau_minus_ms: float = parameter(
-        20.0, "Time constant of the neuron's trace K_minus (NEST's).", unit='ms', low=GRID_MS
+        20.0,
+        "Time constant of the neuron's trace K_minus (NEST's).",
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
     )
     tau_c_ms: float = parameter(
-        1000.0, 'Time constant of the eligibility trace.', unit='ms', low=GRID_MS, source=_TABLE
+        1000.0,
+        'Time constant of the eligibility trace.',
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
+        source=_TABLE,
     )
     tau_n_ms: float = parameter(
-        200.0, 'Time constant of dopamine.', unit='ms', low=GRID_MS, source=_TABLE
+        200.0, 'Time constant of dopamine.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE
     )
-    w_min_pa: float = parameter(0.0, 'Smallest weight.', unit='pA', source=_TABLE)
-    w_max_pa: float = parameter(3000.0, 'Largest weight.', unit='pA', source=_TABLE)
+    w_min_pa: float = parameter(
+        0.0, 'Smallest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+    )
+    w_max_pa: float = parameter(
+        3000.0, 'Largest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+    )
     interval_ms: float = parameter(
-        1.0, "How often NEST's bookkeeping is done; 0.1: without it.", unit='ms', low=GRID_MS
+        1.0,
+        "How often NEST's bookkeeping is done; 0.1: without it.",
+        unit='ms',
+        low=GRID_MS,
+        high=1e4,
     )
 
     def _check_relations(self) -> None:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
-from spikelane_sim.encoding import Counts
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.contract import STEP_S
+from spikelane_sim.encoding import Counts, EncodingParameters
+from spikelane_sim.parameters import check_size, parameter, Parameters
 
 _TABLE = 'table "Simulation parameters specification"'
 
@@ -26,9 +27,28 @@ _TABLE = 'table "Simulation parameters specification"'
 class PoissonParameters(Parameters):
     """Rate of an input: proportional to the events in its cell, up to a largest rate."""
 
-    max_rate_hz: float = parameter(300.0, 'Largest rate.', unit='Hz', low=0.0, source=_TABLE)
+    max_rate_hz: float = parameter(
+        300.0, 'Largest rate.', unit='Hz', low=0.0, high=1e4, source=_TABLE
+    )
     max_events: int = parameter(
-        15, 'Events in a step that make the largest rate.', low=1, source=_TABLE
+        15, 'Events in a step that make the largest rate.', low=1, high=1_000_000, source=_TABLE
+    )
+
+
+def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) -> None:
+    """Check that the spikes of all inputs can be drawn in a reasonable time.
+
+    Raises:
+        ParameterError: There would be too many; each is compared with each input.
+    """
+    inputs = encoding.rows * encoding.columns
+    check_size(
+        'comparisons in a step',
+        {
+            'spikes (poisson.max_rate_hz)': parameters.max_rate_hz * STEP_S * inputs,
+            'inputs (encoding.width, encoding.height, encoding.cell)': inputs,
+        },
+        1e8,
     )
 
 

@@ -35,21 +35,34 @@ class QNetwork(NamedTuple):
     biases_3: Array
 
 
+#: In one network: training keeps four times as many numbers of 4 bytes.
+MOST_WEIGHTS = 40_000_000
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class QNetworkParameters(Parameters):
     """Size and beginning of the Q-network."""
 
     hidden_1: int = parameter(
-        200, 'Units of the first hidden layer.', low=1, source='table "DQN parameters"'
+        200,
+        'Units of the first hidden layer.',
+        low=1,
+        high=16_384,
+        source='table "DQN parameters"',
     )
     hidden_2: int = parameter(
-        200, 'Units of the second hidden layer.', low=1, source='table "DQN parameters"'
+        200,
+        'Units of the second hidden layer.',
+        low=1,
+        high=16_384,
+        source='table "DQN parameters"',
     )
     initial_bound: float = parameter(
         0.0,
         'Weights and biases begin uniformly within this bound of 0; 0: 1 / sqrt(inputs of the '
         "layer), PyTorch's own (1e-3 in the authors' program).",
         low=0.0,
+        high=100.0,
     )
 
 

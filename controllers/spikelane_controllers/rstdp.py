@@ -33,7 +33,12 @@ from spikelane_controllers.plasticity import (
     synapse_rule,
     SynapseParameters,
 )
-from spikelane_controllers.poisson import firing_rates, poisson_spikes, PoissonParameters
+from spikelane_controllers.poisson import (
+    check_spikes,
+    firing_rates,
+    poisson_spikes,
+    PoissonParameters,
+)
 from spikelane_controllers.spiking import (
     DelayParameters,
     GRID_MS,
@@ -64,8 +69,12 @@ _TABLE = 'table "Simulation parameters specification"'
 class InitialWeights(Parameters):
     """Weights before training: uniform in a range."""
 
-    low_pa: float = parameter(200.0, 'Smallest.', unit='pA', source='section 4.4')
-    high_pa: float = parameter(201.0, 'Largest.', unit='pA', source="the authors' program")
+    low_pa: float = parameter(
+        200.0, 'Smallest.', unit='pA', low=-1e6, high=1e6, source='section 4.4'
+    )
+    high_pa: float = parameter(
+        201.0, 'Largest.', unit='pA', low=-1e6, high=1e6, source="the authors' program"
+    )
 
     def _check_relations(self) -> None:
         if self.high_pa < self.low_pa:
@@ -85,7 +94,12 @@ class RStdpParameters(Parameters):
         'checkpoint, or empty for untrained ones.',
     )
     c_r: float = parameter(
-        0.01, 'Dopamine for each metre from the centre.', unit='1/(ms m)', low=0.0, source=_TABLE
+        0.01,
+        'Dopamine for each metre from the centre.',
+        unit='1/(ms m)',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
     )
     initial_weights: InitialWeights = nested(InitialWeights)
     encoding: EncodingParameters = nested(EncodingParameters)
@@ -96,6 +110,7 @@ class RStdpParameters(Parameters):
     steering: SteeringParameters = nested(SteeringParameters)
 
     def _check_relations(self) -> None:
+        check_spikes(self.poisson, self.encoding)
         synapse_rule(self.synapse, self.delays)
         self._check_bookkeeping()
         if self.initial_weights.low_pa < self.synapse.w_min_pa:

@@ -74,22 +74,30 @@ Constants = NDArray[np.void]  # of CONSTANTS_DTYPE, (1,)
 class NeuronParameters(Parameters):
     """NEST's parameters of iaf_psc_alpha, with one time constant for both signs of current."""
 
-    e_l_mv: float = parameter(-70.0, 'Resting membrane potential.', unit='mV', source=_TABLE)
-    v_th_mv: float = parameter(-55.0, 'Spike threshold.', unit='mV', source=_TABLE)
+    e_l_mv: float = parameter(
+        -70.0, 'Resting membrane potential.', unit='mV', low=-1e4, high=1e4, source=_TABLE
+    )
+    v_th_mv: float = parameter(
+        -55.0, 'Spike threshold.', unit='mV', low=-1e4, high=1e4, source=_TABLE
+    )
     v_reset_mv: float = parameter(
-        -70.0, 'Membrane potential after a spike.', unit='mV', source=_TABLE
+        -70.0, 'Membrane potential after a spike.', unit='mV', low=-1e4, high=1e4, source=_TABLE
     )
     c_m_pf: float = parameter(
-        250.0, 'Capacity of the membrane.', unit='pF', low=1e-3, source=_TABLE
+        250.0, 'Capacity of the membrane.', unit='pF', low=1e-3, high=1e6, source=_TABLE
     )
     tau_m_ms: float = parameter(
-        10.0, 'Membrane time constant.', unit='ms', low=GRID_MS, source=_TABLE
+        10.0, 'Membrane time constant.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE
     )
     tau_syn_ms: float = parameter(
-        2.0, 'Rise time of synaptic currents.', unit='ms', low=GRID_MS, source=_TABLE
+        2.0, 'Rise time of synaptic currents.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE
     )
-    t_ref_ms: float = parameter(2.0, 'Refractory period.', unit='ms', low=0.0, source=_TABLE)
-    i_e_pa: float = parameter(0.0, 'Constant input current.', unit='pA', source=_TABLE)
+    t_ref_ms: float = parameter(
+        2.0, 'Refractory period.', unit='ms', low=0.0, high=1e4, source=_TABLE
+    )
+    i_e_pa: float = parameter(
+        0.0, 'Constant input current.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+    )
 
     def _check_relations(self) -> None:
         if not self.v_reset_mv < self.v_th_mv:
@@ -104,8 +112,12 @@ class NeuronParameters(Parameters):
 class DelayParameters(Parameters):
     """Delays of the connections; NEST's default for both."""
 
-    to_relay_ms: float = parameter(1.0, 'From an input to its relay.', unit='ms', low=GRID_MS)
-    to_neuron_ms: float = parameter(1.0, 'From a relay to a neuron.', unit='ms', low=GRID_MS)
+    to_relay_ms: float = parameter(
+        1.0, 'From an input to its relay.', unit='ms', low=GRID_MS, high=1000.0
+    )
+    to_neuron_ms: float = parameter(
+        1.0, 'From a relay to a neuron.', unit='ms', low=GRID_MS, high=1000.0
+    )
 
     def _check_relations(self) -> None:
         _ = self.steps

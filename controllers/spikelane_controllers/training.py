@@ -33,7 +33,7 @@ from spikelane_sim.contract import (
     WheelVelocities,
 )
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
-from spikelane_sim.parameters import first_difference, parameter, Parameters
+from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
 
 #: Of the names of the controller's arrays in a checkpoint.
 _PREFIX = 'controller.'
@@ -43,9 +43,9 @@ _PREFIX = 'controller.'
 class TrainingParameters(Parameters):
     """How long a training takes and how often it is saved."""
 
-    steps: int = parameter(30_000, 'Steps to drive, of 50 ms each.', low=1)
+    steps: int = parameter(30_000, 'Steps to drive, of 50 ms each.', low=1, high=MOST_STEPS)
     save_every: int = parameter(
-        100, 'Steps between checkpoints; a kill costs at most these.', low=1
+        100, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
     )
 
 

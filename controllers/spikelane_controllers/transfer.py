@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.feedforward import activate, FeedForward
 from spikelane_controllers.transferred import InputScale
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 
 if TYPE_CHECKING:
     import torch
@@ -45,10 +45,12 @@ class TransferError(SpikelaneError):
 class TransferParameters(Parameters):
     """How the network is trained."""
 
-    hidden: int = parameter(200, 'Hidden units.', low=1, source=_TABLE)
-    steps: int = parameter(10_000, 'Training steps.', low=1, source=_TABLE)
-    batch_size: int = parameter(50, 'States in a training step.', low=1, source=_TABLE)
-    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, source=_TABLE)
+    hidden: int = parameter(200, 'Hidden units.', low=1, high=16_384, source=_TABLE)
+    steps: int = parameter(10_000, 'Training steps.', low=1, high=MOST_STEPS, source=_TABLE)
+    batch_size: int = parameter(
+        50, 'States in a training step.', low=1, high=65_536, source=_TABLE
+    )
+    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
     held_out: float = parameter(
         0.1, 'Share of the states kept for measuring.', low=0.001, high=0.9
     )
@@ -64,6 +66,7 @@ class TransferParameters(Parameters):
         'Inputs are multiplied by this while training, and the first weights afterwards: where '
         'most are small it makes learning quicker.',
         low=1e-3,
+        high=1e6,
     )
     normalisation: str = parameter(
         'model',
@@ -79,7 +82,7 @@ class TransferParameters(Parameters):
         False, 'Whether the step size falls to 0, by half a cosine, over the training.'
     )
     measure_every: int = parameter(
-        500, 'Training steps between measurements of the accuracy.', low=1
+        500, 'Training steps between measurements of the accuracy.', low=1, high=MOST_STEPS
     )
 
 

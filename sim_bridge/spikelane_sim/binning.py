@@ -45,10 +45,18 @@ class SensorParameters(Parameters):
         choices=SOURCES,
     )
     crop_left: int = parameter(
-        -1, "First column of a camera's image that is used; -1: in the middle.", unit='px', low=-1
+        -1,
+        "First column of a camera's image that is used; -1: in the middle.",
+        unit='px',
+        low=-1,
+        high=65_535,
     )
     crop_top: int = parameter(
-        -1, "First row of a camera's image that is used; -1: in the middle.", unit='px', low=-1
+        -1,
+        "First row of a camera's image that is used; -1: in the middle.",
+        unit='px',
+        low=-1,
+        high=65_535,
     )
     crop_width: int = parameter(
         0,
@@ -56,6 +64,7 @@ class SensorParameters(Parameters):
         '0: as many as there are.',
         unit='px',
         low=0,
+        high=65_535,
     )
     one_per_pixel: bool = parameter(
         True, "Keep only the first event of each pixel in a step of a camera's events."

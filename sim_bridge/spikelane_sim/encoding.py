@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import check_size, parameter, Parameters
 
 Counts = NDArray[np.int64]
 
@@ -25,11 +25,11 @@ Counts = NDArray[np.int64]
 class EncodingParameters(Parameters):
     """How the sensor is divided into cells; the defaults are the spiking controllers'."""
 
-    width: int = parameter(128, 'Columns of the sensor.', unit='px', low=1)
-    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1)
-    crop_top: int = parameter(40, 'Rows left out at the top.', unit='px', low=0)
-    crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0)
-    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, source='section 4.2')
+    width: int = parameter(128, 'Columns of the sensor.', unit='px', low=1, high=2048)
+    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1, high=2048)
+    crop_top: int = parameter(40, 'Rows left out at the top.', unit='px', low=0, high=2047)
+    crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0, high=2047)
+    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, high=2048, source='section 4.2')
 
     @functools.cached_property
     def rows(self) -> int:
@@ -54,8 +54,13 @@ class EncodingParameters(Parameters):
 class StateImageParameters(EncodingParameters):
     """The state of the deep Q-network: finer cells, summed over the steps of an action."""
 
-    cell: int = parameter(4, 'Side of a cell.', unit='px', low=1, source='section 3.2')
-    frames: int = parameter(10, 'Last steps that count.', low=1, source='section 3.2')
+    cell: int = parameter(4, 'Side of a cell.', unit='px', low=1, high=2048, source='section 3.2')
+    frames: int = parameter(10, 'Last steps that count.', low=1, high=1000, source='section 3.2')
+
+    def _check_relations(self) -> None:
+        super()._check_relations()
+        sizes = {'frames': self.frames, 'rows': self.rows, 'columns of cells': self.columns}
+        check_size('counts', sizes, 1e7)
 
 
 def count_events(events: Events, parameters: EncodingParameters) -> Counts:

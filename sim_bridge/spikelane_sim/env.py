@@ -25,7 +25,7 @@ from spikelane_sim.encoding import (
     StateImageParameters,
 )
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.parameters import parameter
+from spikelane_sim.parameters import MOST_STEPS, parameter
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters, lane_centre_reward
 
@@ -38,7 +38,11 @@ class TaskParameters(DecisionParameters):
     """The task around the simulator: actions, reward and length."""
 
     max_actions: int = parameter(
-        1000, 'Actions after which an episode is truncated.', low=1, source='paper section 3.4'
+        1000,
+        'Actions after which an episode is truncated.',
+        low=1,
+        high=MOST_STEPS,
+        source='paper section 3.4',
     )
 
 

@@ -15,6 +15,9 @@ import numpy as np
 
 from spikelane_sim.errors import ParameterError
 
+#: Steps of anything: 10^9 actions would take days.
+MOST_STEPS = 10**9
+
 ParametersT = TypeVar('ParametersT', bound='Parameters')
 
 # The kinds of value a parameter can have: what ROS parameters, YAML and command lines share.
@@ -63,11 +66,11 @@ class ParameterSpec:
         unit = f' {self.unit}' if self.unit else ''
         kind = _LIST_NAMES[self.item] if self.kind is tuple else _KIND_NAMES[self.kind]
         if self.low is not None and self.high is not None:
-            return f'{kind} from {self.low:g} to {self.high:g}{unit}'
+            return f'{kind} from {_number(self.low)} to {_number(self.high)}{unit}'
         if self.low is not None:
-            return f'{kind} of at least {self.low:g}{unit}'
+            return f'{kind} of at least {_number(self.low)}{unit}'
         if self.high is not None:
-            return f'{kind} of at most {self.high:g}{unit}'
+            return f'{kind} of at most {_number(self.high)}{unit}'
         return f'{kind}{f" [{self.unit}]" if self.unit else ""}'
 
     def check(self, value: object) -> Any:
@@ -78,7 +81,7 @@ class ParameterSpec:
         """
         converted = _convert(self.kind, value, self.item)
         if converted is None or not self._is_allowed(converted):
-            raise ParameterError(f'{self.name}: expected {self.allowed}, got {value!r}')
+            raise ParameterError(f'{self.name}: expected {self.allowed}, got {value!r:.200}')
         return converted
 
     def _is_allowed(self, value: Any) -> bool:
@@ -187,6 +190,26 @@ class Parameters:
         return values
 
 
+def check_size(what: str, factors: Mapping[str, float], most: float) -> None:
+    """Check that parameters which multiply do not ask for too much memory or time.
+
+    Args:
+        what: What they make so many of.
+        factors: By the names of the parameters.
+        most: Largest product allowed.
+
+    Raises:
+        ParameterError: Their product is larger.
+    """
+    product = math.prod(factors.values())
+    if product > most:
+        given = ' x '.join(_number(value) for value in factors.values())
+        raise ParameterError(
+            f'{", ".join(factors)}: expected at most {most:,.0f} {what}, '
+            f'got {given} = {product:,.0f}'
+        )
+
+
 def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
     """Return where two values differ, down to a name in mappings, and either's value there."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
@@ -194,6 +217,10 @@ def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
             if one.get(key) != other.get(key):
                 return first_difference(f'{name}.{key}', one.get(key), other.get(key))
     return name, one, other
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f'{value:.15g}'
 
 
 def _convert(kind: type, value: object, item: type = float) -> Any:

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.camera import Camera, CameraParameters
+from spikelane_sim.camera import ANTIALIAS_ROWS, Camera, CameraParameters
 from spikelane_sim.contract import (
     LaneState,
     link_rng,
@@ -27,7 +27,7 @@ from spikelane_sim.contract import (
 from spikelane_sim.course import advance, load_course
 from spikelane_sim.errors import PoseError, SpikelaneError
 from spikelane_sim.link import Link, LinkParameters
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import make_pixel_model, PixelParameters
 from spikelane_sim.robots import make_robot, RobotParameters
 
@@ -46,9 +46,12 @@ class EpisodeParameters(Parameters):
         'The episode ends when the robot is farther than this from the lane centre; 0: never.',
         unit='m',
         low=0.0,
+        high=1000.0,
         source='paper section 3.3 (0.2 for R-STDP, section 4.2)',
     )
-    max_laps: int = parameter(1, 'Laps after which the episode ends; 0: never.', low=0)
+    max_laps: int = parameter(
+        1, 'Laps after which the episode ends; 0: never.', low=0, high=1_000_000
+    )
     max_steps: int = parameter(
         0, 'Steps of 50 ms after which the episode ends; 0: never.', low=0, high=2**31 - 1
     )
@@ -64,6 +67,10 @@ class EpisodeParameters(Parameters):
     )
 
 
+#: Of the ground in a step of 50 ms; images of so many pixels have half a gigabyte.
+MOST_SAMPLES = 2**27
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulatorParameters(Parameters):
     """Everything that determines a simulation but its seed."""
@@ -76,6 +83,17 @@ class SimulatorParameters(Parameters):
     camera: CameraParameters = nested(CameraParameters)
     pixels: PixelParameters = nested(PixelParameters)
     link: LinkParameters = nested(LinkParameters)
+
+    def _check_relations(self) -> None:
+        size = {'camera.width': self.camera.width, 'camera.height': self.camera.height}
+        rows = ANTIALIAS_ROWS if self.camera.antialias else 1
+        self.pixels.check_sizes(size)
+        images = self.pixels.images_per_step
+        check_size(
+            'samples of the ground in a step',
+            {**size, 'rows (camera.antialias)': rows, 'images (pixels.esim.substeps)': images},
+            MOST_SAMPLES,
+        )
 
 
 class _Farthest(NamedTuple):

@@ -18,10 +18,20 @@ class ActionParameters(Parameters):
     """Wheel velocities of the actions."""
 
     drive_rad_s: float = parameter(
-        1.0, 'Wheel velocity straight on (v_s).', unit='rad/s', source='paper, DQN parameters'
+        1.0,
+        'Wheel velocity straight on (v_s).',
+        unit='rad/s',
+        low=-100.0,
+        high=100.0,
+        source='paper, DQN parameters',
     )
     turn_rad_s: float = parameter(
-        0.25, 'Added and subtracted to turn (v_t).', unit='rad/s', source='paper, DQN parameters'
+        0.25,
+        'Added and subtracted to turn (v_t).',
+        unit='rad/s',
+        low=-100.0,
+        high=100.0,
+        source='paper, DQN parameters',
     )
 
 
@@ -30,10 +40,19 @@ class DecisionParameters(ActionParameters):
     """Actions that hold for a while, and their reward."""
 
     steps_per_action: int = parameter(
-        10, 'Steps of 50 ms for which an action holds.', low=1, source='paper section 3.2'
+        10,
+        'Steps of 50 ms for which an action holds.',
+        low=1,
+        high=1_000_000,
+        source='paper section 3.2',
     )
     reward_sigma_m: float = parameter(
-        0.15, 'Standard deviation of the reward.', unit='m', low=1e-6, source='paper section 3.3'
+        0.15,
+        'Standard deviation of the reward.',
+        unit='m',
+        low=1e-6,
+        high=1000.0,
+        source='paper section 3.3',
     )
 
 

@@ -277,7 +277,7 @@ def test_the_picture_shows_the_last_events() -> None:
             {'task': {'max_action': 3}},
             "task: unknown parameter 'max_action'; expected drive_rad_s",
         ),
-        ({'task': {'max_actions': 0}}, 'task: max_actions: expected a whole number of at least 1'),
+        ({'task': {'max_actions': 0}}, 'task: max_actions: expected a whole number from 1'),
         ({'simulator': {'speed': 3}}, "simulator: unknown parameter 'speed'"),
     ],
 )

@@ -260,7 +260,7 @@ def test_a_drive_without_end_is_refused(
 ) -> None:
     """As a controller that keeps its lane would drive no laps in a row."""
     assert command('--laps', laps, '--out', str(tmp_path / 'run')) == 2
-    error = f'spikelane evaluate: --laps: expected a whole number from 1, got {laps}\n'
+    error = f'spikelane evaluate: --laps: expected a whole number from 1 to 1000000, got {laps}\n'
     assert capsys.readouterr().err == error
     assert not (tmp_path / 'run').exists()
 

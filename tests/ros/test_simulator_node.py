@@ -559,8 +559,11 @@ def test_a_simulator_in_real_time_ends_after_its_episodes(graph) -> None:
 def test_wrong_parameters_are_refused_with_one_line(graph) -> None:
     """Exit status 2; the line says what is allowed."""
     cases = [
-        ({'seed': -1}, 'seed: expected a whole number of at least 0'),
-        ({'seed': 'seven'}, "seed: expected a whole number of at least 0, got 'seven'"),
+        ({'seed': -1}, 'seed: expected a whole number from 0 to 9223372036854775807'),
+        (
+            {'seed': 'seven'},
+            "seed: expected a whole number from 0 to 9223372036854775807, got 'seven'",
+        ),
         ({'mode': 'fast'}, "mode: expected one of lockstep, realtime, got 'fast'"),
         ({'camera.width': 1.5}, 'camera.width: expected a whole number from 1 to 2048'),
         ({'course': 'nowhere'}, "or the path of a course file, got 'nowhere'"),

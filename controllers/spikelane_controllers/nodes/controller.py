@@ -46,7 +46,7 @@ RELIABILITIES = {
 class ControllerNodeParameters(Parameters):
     """How a controller takes part in a ROS graph."""
 
-    seed: int = parameter(0, "Seed of the controller's randomness.", low=0)
+    seed: int = parameter(0, "Seed of the controller's randomness.", low=0, high=2**63 - 1)
     use_lane_state: bool = parameter(
         True, 'Wait for lane/state with each event packet; false for a real camera.'
     )
@@ -54,7 +54,10 @@ class ControllerNodeParameters(Parameters):
         10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
     )
     wait_for_subscribers: int = parameter(
-        0, 'Subscribers wheel_velocities must have before an answer is published.', low=0
+        0,
+        'Subscribers wheel_velocities must have before an answer is published.',
+        low=0,
+        high=1000,
     )
     reliability: str = parameter(
         'reliable',

@@ -53,9 +53,10 @@ class SimulatorNodeParameters(Parameters):
         'End the node when this many episodes are over, in lockstep when the last observation is '
         'answered; 0: never.',
         low=0,
+        high=2**31 - 1,
     )
     lane: str = parameter('', 'Lane of the first episode; empty: the first of the course.')
-    seed: int = parameter(0, 'Seed of all randomness.', low=0)
+    seed: int = parameter(0, 'Seed of all randomness.', low=0, high=2**63 - 1)
     event_encoding: str = parameter(
         'evt3', 'Encoding of the event packets.', choices=('evt3', 'mono')
     )
@@ -63,7 +64,10 @@ class SimulatorNodeParameters(Parameters):
         10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
     )
     wait_for_subscribers: int = parameter(
-        0, 'Subscribers event_camera/events must have before an observation is published.', low=0
+        0,
+        'Subscribers event_camera/events must have before an observation is published.',
+        low=0,
+        high=1000,
     )
 
 

@@ -6,7 +6,9 @@ closer to a real sensor. In both, brighter is ON (+1).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels.coppelia import CoppeliaParameters, CoppeliaPixels
 from spikelane_sim.pixels.esim import EsimParameters, EsimPixels
 
@@ -43,6 +45,33 @@ class PixelParameters(Parameters):
     )
     coppelia: CoppeliaParameters = nested(CoppeliaParameters)
     esim: EsimParameters = nested(EsimParameters)
+
+    @property
+    def images_per_step(self) -> int:
+        """Images that are rendered for a step."""
+        return self.esim.substeps if self.model == 'esim' else 1
+
+    def check_sizes(self, size: Mapping[str, float]) -> None:
+        """Check that the events of a step cannot fill the memory.
+
+        Args:
+            size: Width and height of the sensor [px], by the names of their parameters.
+
+        Raises:
+            ParameterError: They can.
+        """
+        esim = self.esim
+        if self.model != 'esim':
+            rates = {'pixels.coppelia.noise_rate_hz': self.coppelia.noise_rate_hz}
+        else:
+            rates = {
+                'pixels.esim.shot_rate_hz + leak_rate_hz': esim.shot_rate_hz + esim.leak_rate_hz
+            }
+            threshold = min(esim.threshold_on, esim.threshold_off)
+            most = math.log1p(1 / esim.dark_intensity) / threshold
+            name = 'events of a pixel (pixels.esim.threshold_on, threshold_off, dark_intensity)'
+            check_size('events in a step', {**size, name: most}, 2e8)
+        check_size('noise events per second', {**size, **rates}, 2e8)
 
 
 class PixelModel(Protocol):

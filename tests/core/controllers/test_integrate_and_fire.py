@@ -229,7 +229,7 @@ def test_sums_are_exact_in_any_order() -> None:
         ({'simulated_ms': 10.5}, 'simulated_ms: expected a multiple of step_ms = 1 ms, got 10.5'),
         ({'max_rate_hz': 1001.0}, 'max_rate_hz: expected at most one spike in step_ms = 1 ms'),
         ({'reset': 'none'}, "reset: expected one of zero, subtract, got 'none'"),
-        ({'threshold_mv': 0.0}, 'threshold_mv: expected a number of at least 0.001 mV'),
+        ({'threshold_mv': 0.0}, 'threshold_mv: expected a number from 0.001 to 1000000 mV'),
     ],
 )
 def test_contradictions_are_refused(values: dict[str, object], message: str) -> None:

@@ -243,7 +243,7 @@ def test_the_past_does_not_grow() -> None:
         ({'interval_ms': 0.3}, 'interval_ms: expected a divisor of 50 ms, got 0.3'),
         ({'interval_ms': 0.25}, 'interval_ms: expected a multiple of 0.1 ms, got 0.25'),
         ({'w_min_pa': 5000.0}, 'w_max_pa: expected at least w_min_pa = 5000 pA, got 3000'),
-        ({'tau_c_ms': 0.0}, 'tau_c_ms: expected a number of at least 0.1 ms, got 0.0'),
+        ({'tau_c_ms': 0.0}, 'tau_c_ms: expected a number from 0.1 to 1000000 ms, got 0.0'),
     ],
 )
 def test_impossible_synapses_are_refused(values: dict[str, float], message: str) -> None:

@@ -184,7 +184,7 @@ def test_the_resting_state_is_rest() -> None:
     [
         ({'t_ref_ms': 1.23}, 't_ref_ms: expected a multiple of 0.1 ms, got 1.23'),
         ({'v_reset_mv': -55.0}, 'v_reset_mv: expected less than v_th_mv = -55 mV, got -55'),
-        ({'tau_m_ms': 0.0}, 'tau_m_ms: expected a number of at least 0.1 ms, got 0.0'),
+        ({'tau_m_ms': 0.0}, 'tau_m_ms: expected a number from 0.1 to 1000000 ms, got 0.0'),
     ],
 )
 def test_impossible_neurons_are_refused(values: dict[str, float], message: str) -> None:

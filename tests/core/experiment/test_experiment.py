@@ -398,8 +398,8 @@ def test_a_folder_is_used_by_one_command_at_a_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        (['--jobs', '0'], '--jobs: expected a whole number of at least 1, got 0'),
-        (['--retries', '-1'], '--retries: expected a whole number of at least 0, got -1'),
+        (['--jobs', '0'], '--jobs: expected a whole number from 1 to 10000, got 0'),
+        (['--retries', '-1'], '--retries: expected a whole number from 0 to 1000, got -1'),
         (['--address', 'auto'], '--address: expected --engine ray with it'),
     ],
 )

@@ -193,11 +193,15 @@ matrix:
             ":5: unknown parameter 'braitenberg.poisson.max_events', expected rstdp.<name>, ",
         ),
         ('train:', 'drain:', ":7: unknown task 'drain', expected train, transfer, evaluate"),
-        ('steps: 200', 'steps: -2', ':7: steps: expected a whole number of at least 0, got -2'),
+        (
+            'steps: 200',
+            'steps: -2',
+            ':7: steps: expected a whole number from 0 to 1000000000, got -2',
+        ),
         (
             '    cameras',
             '    courses: [random:9-2]\n    cameras',
-            r':5: matrix\[0\]\.courses\[0\]: course: expected at least one random',
+            r':5: matrix\[0\]\.courses\[0\]: course: expected 1 to 100000 random',
         ),
         (
             'steps: 200',

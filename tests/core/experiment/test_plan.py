@@ -331,3 +331,15 @@ def test_shipped_courses_and_weights_of_runs_have_no_digest(tmp_path: Path) -> N
   tasks: {train: {steps: 100}, evaluate: {}}
 """
     assert ['inputs' in run.identity for run in plan_of(tmp_path, matrix).runs] == [False, False]
+
+
+def test_an_experiment_of_too_many_runs_is_refused_before_it_is_planned(tmp_path: Path) -> None:
+    """The product of a block's lists is looked at first."""
+    matrix = """
+  controllers: [rstdp]
+  scenarios: [1, 2, 3]
+  seeds: 100000
+  tasks: [train]
+"""
+    with pytest.raises(ExperimentError, match='at most 100000 runs in an experiment, got 300000'):
+        plan_of(tmp_path, matrix)

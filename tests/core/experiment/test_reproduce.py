@@ -213,11 +213,11 @@ def test_where_nothing_can_be_reported_on_the_reason_is_told(tmp_path: Path) -> 
     assert failed['message'].startswith('physics_step_s: expected a whole fraction of 0.05 s')
 
 
-@pytest.mark.parametrize('option', ['--seeds', '--jobs'])
-def test_wrong_use_is_told_in_one_line(tmp_path: Path, option: str) -> None:
+@pytest.mark.parametrize(('option', 'most'), [('--seeds', 100_000), ('--jobs', 10_000)])
+def test_wrong_use_is_told_in_one_line(tmp_path: Path, option: str, most: int) -> None:
     """Exit status 2, and nothing is made."""
     process = start(ROOT / 'experiments', option, '0', '--out', str(tmp_path / 'out'))
     _, errors = process.communicate(timeout=DEADLINE_S)
-    message = f'spikelane reproduce: {option}: expected a whole number of at least 1, got 0\n'
+    message = f'spikelane reproduce: {option}: expected a whole number from 1 to {most}, got 0\n'
     assert (process.returncode, errors) == (2, message)
     assert not (tmp_path / 'out').exists()

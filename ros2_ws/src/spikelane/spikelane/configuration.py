@@ -166,6 +166,18 @@ def parameter_groups(
     return sorted_
 
 
+def check_number(name: str, value: int | None, low: int, high: int) -> None:
+    """Check a whole number of the command line; None is one that was not given.
+
+    Raises:
+        ParameterError: It is out of range.
+    """
+    if value is not None and not low <= value <= high:
+        raise ParameterError(
+            f'{name}: expected a whole number from {low} to {high}, got {value!s:.40}'
+        )
+
+
 def check_seed(seed: int) -> None:
     """Check that all generators take a seed.
 
@@ -173,4 +185,4 @@ def check_seed(seed: int) -> None:
         ParameterError: They do not.
     """
     if not 0 <= seed < 2**63:
-        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
+        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed!s:.40}')

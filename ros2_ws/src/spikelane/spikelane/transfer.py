@@ -21,7 +21,7 @@ from spikelane_controllers.gathering import gather_states, GatheringParameters
 from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
 from spikelane_controllers.normalisation import normalise, Normalised
 from spikelane_controllers.pytorch import require_pytorch
-from spikelane_controllers.q_network import action_values
+from spikelane_controllers.q_network import action_values, MOST_WEIGHTS
 from spikelane_controllers.state import mapping
 from spikelane_controllers.states import NAME, read_states
 from spikelane_controllers.transfer import (
@@ -37,6 +37,7 @@ from spikelane_controllers.weights import find_checkpoint, shipped_weights
 from spikelane_sim.course import course_label, scenario_course
 from spikelane_sim.encoding import Counts
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import check_size
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 from spikelane_sim.task import ACTIONS
 
@@ -165,7 +166,7 @@ def configure_transfer(
         {'simulator': {'course': scenario_course(scenario)}, 'gathering': {}, 'transfer': {}},
     )
     check_seed(seed)
-    return TransferConfig(
+    config = TransferConfig(
         scenario=scenario,
         checkpoint=checkpoint,
         seed=seed,
@@ -174,6 +175,11 @@ def configure_transfer(
         transfer=TransferParameters.from_mapping(groups['transfer'], 'transfer'),
         from_training=from_training,
     )
+    encoding, transfer = config.gathering.encoding, config.transfer
+    inputs = {'inputs (gathering.encoding)': encoding.rows * encoding.columns}
+    check_size('weights', {**inputs, 'transfer.hidden': transfer.hidden}, MOST_WEIGHTS)
+    check_size('values', {**inputs, 'transfer.batch_size': transfer.batch_size}, 1e8)
+    return config
 
 
 def transfer(config: TransferConfig, show: Show) -> PolicyTransfer:

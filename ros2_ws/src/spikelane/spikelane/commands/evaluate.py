@@ -14,11 +14,11 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
+from spikelane.configuration import check_number
 from spikelane.evaluation import draw_some_courses, evaluate, EvaluateConfig, make_config
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane.summary import UNITS, units_in_words
-from spikelane_sim.errors import ParameterError
 
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
@@ -95,8 +95,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     # Of a simulator's 0 laps there is no end.
-    if options.laps is not None and options.laps < 1:
-        raise ParameterError(f'--laps: expected a whole number from 1, got {options.laps}')
+    check_number('--laps', options.laps, 1, 1_000_000)
     given = given_parameters(options) | given_weights(options)
     model = str(given.get('simulator.pixels.model', 'coppelia'))
     flags = {

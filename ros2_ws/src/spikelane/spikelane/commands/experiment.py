@@ -11,6 +11,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from spikelane.configuration import check_number
 from spikelane.experiment.engine import Engine
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.local import LocalEngine
@@ -81,10 +82,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     check_jobs(options.jobs)
-    if options.retries < 0:
-        raise ParameterError(
-            f'--retries: expected a whole number of at least 0, got {options.retries}'
-        )
+    check_number('--retries', options.retries, 0, 1000)
     if options.address is not None and options.engine != 'ray':
         raise ParameterError('--address: expected --engine ray with it')
 
@@ -93,10 +91,9 @@ def check_jobs(jobs: int | None) -> None:
     """Check --jobs.
 
     Raises:
-        ParameterError: It is too small.
+        ParameterError: It is too small or too large.
     """
-    if jobs is not None and jobs < 1:
-        raise ParameterError(f'--jobs: expected a whole number of at least 1, got {jobs}')
+    check_number('--jobs', jobs, 1, 10_000)
 
 
 def do_plan(

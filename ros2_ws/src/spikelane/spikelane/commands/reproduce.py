@@ -16,11 +16,11 @@ from spikelane.commands.experiment import (
     RETRIES,
     summary,
 )
+from spikelane.configuration import check_number
 import spikelane.experiment
-from spikelane.experiment.file import read_experiment, with_seeds
+from spikelane.experiment.file import MOST_SEEDS, read_experiment, with_seeds
 from spikelane.experiment.plan import make_plan
 from spikelane.run_folder import RUNS
-from spikelane_sim.errors import ParameterError
 
 #: Of the experiments' files, beside the code that does them.
 PAPER, QUICK = 'paper', 'paper_quick'
@@ -65,10 +65,7 @@ def run(options: argparse.Namespace) -> int:
         SpikelaneError: An option is wrong, or the folder is in use or cannot be written.
     """
     check_jobs(options.jobs)
-    if options.seeds is not None and options.seeds < 1:
-        raise ParameterError(
-            f'--seeds: expected a whole number of at least 1, got {options.seeds}'
-        )
+    check_number('--seeds', options.seeds, 1, MOST_SEEDS)
     record = read_experiment(experiment_file(QUICK if options.quick else PAPER))
     if options.seeds is not None:
         record = with_seeds(record, options.seeds)

@@ -16,6 +16,7 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
+from spikelane.configuration import check_number
 from spikelane.executables import find_executable
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.lap import LapConfig, make_config, report_lap
@@ -80,6 +81,9 @@ def run(options: argparse.Namespace) -> int:
     """
     if options.steps is not None and not options.train:
         raise ParameterError('--steps: expected --train beside it')
+    check_number('--port', options.port, 0, 65_535)
+    check_number('--data-port', options.data_port, 0, 65_535)
+    check_number('--domain', options.domain, 0, 232)
     if not options.controller:
         return _become_viewer(options)
     if options.train and (options.checkpoint or options.lane):

@@ -38,7 +38,7 @@ from spikelane_sim.random_course import expand_courses, is_random
 from spikelane_sim.yaml_file import read_yaml, YamlValue
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9._-]*')
-_MOST_SEEDS = 100_000
+MOST_SEEDS = 100_000
 
 #: Lists of a block that stand for parameters: where these are, and which one a bare name sets.
 _AXES: Mapping[str, tuple[str, str]] = {
@@ -225,7 +225,7 @@ def _known_parameters(
 
 def _read_seeds(value: YamlValue) -> tuple[int, ...]:
     if not value.is_list:
-        return tuple(range(value.whole_number(1, _MOST_SEEDS)))
+        return tuple(range(value.whole_number(1, MOST_SEEDS)))
     seeds = [each.whole_number(0, 2**62) for each in _some(value)]
     return tuple(dict.fromkeys(seeds))
 

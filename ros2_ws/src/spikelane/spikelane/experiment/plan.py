@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import dataclasses
 import itertools
 import json
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,6 +57,10 @@ class Run:
         return json.dumps(self.identity, sort_keys=True)
 
 
+#: In one experiment; a list of so many takes minutes to make.
+MOST_RUNS = 100_000
+
+
 class Plan(NamedTuple):
     """The runs of an experiment, each after those it needs."""
 
@@ -93,8 +98,15 @@ class _Planner:
         self._by_key: dict[str, Run] = {}
         self._by_place: dict[tuple[_Place, Need], list[Run]] = {}
         self._names: set[str] = set()
+        self._n_runs = 0
 
     def add_block(self, number: int, block: Block) -> None:
+        self._n_runs += _most_runs(block)
+        if self._n_runs > MOST_RUNS:
+            raise ExperimentError(
+                f'{block.place}: expected at most {MOST_RUNS} runs in an experiment, '
+                f'got {self._n_runs} so far'
+            )
         # Task by task, since one controller can need what another has learnt.
         for task in block.tasks:
             places = itertools.product(
@@ -182,6 +194,14 @@ class _Planner:
     def _free_name(self, name: str) -> str:
         numbered = (f'{name}-{number}' for number in itertools.count(2))
         return next(each for each in itertools.chain([name], numbered) if each not in self._names)
+
+
+def _most_runs(block: Block) -> int:
+    """Return how many runs a block has at most."""
+    lists = (block.controllers, block.scenarios, block.seeds, *block.axes.values())
+    conditions = max(len(block.courses), 1) * max(len(block.conditions), 1)
+    each = sum(conditions if TASKS[task].is_of_conditions else 1 for task in block.tasks)
+    return math.prod(map(len, lists)) * each
 
 
 def _combinations(block: Block) -> Iterator[tuple[tuple[str, str], ...]]:

@@ -26,11 +26,11 @@ from spikelane.transfer import (
 )
 from spikelane.transfer import make_config as make_transfer_config
 from spikelane.transport import over_ros
-from spikelane_controllers.gathering import GatheringParameters
+from spikelane_controllers.gathering import GatheringParameters, MOST_STATES
 from spikelane_controllers.registry import controller_class
 from spikelane_controllers.transfer import TransferParameters
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 from spikelane_sim.simulator import SimulatorParameters
 
 #: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
@@ -82,7 +82,10 @@ class TrainOptions(Parameters):
     """How a controller is trained."""
 
     steps: int = parameter(
-        0, 'How long, as --steps of `spikelane train`; 0: as long as usual.', low=0
+        0,
+        'How long, as --steps of `spikelane train`; 0: as long as usual.',
+        low=0,
+        high=MOST_STEPS,
     )
 
 
@@ -91,9 +94,12 @@ class TransferOptions(Parameters):
     """How a policy is transferred."""
 
     states: int = parameter(
-        GatheringParameters.states, 'States to gather by driving with the trained policy.', low=1
+        GatheringParameters.states,
+        'States to gather by driving with the trained policy.',
+        low=1,
+        high=MOST_STATES,
     )
-    steps: int = parameter(TransferParameters.steps, 'Training steps.', low=1)
+    steps: int = parameter(TransferParameters.steps, 'Training steps.', low=1, high=MOST_STEPS)
     from_training: bool = parameter(
         True, "Whether the states of the deep Q-network's training are used too."
     )
@@ -103,7 +109,7 @@ class TransferOptions(Parameters):
 class EvaluateOptions(Parameters):
     """How a controller is evaluated."""
 
-    laps: int = parameter(1, 'Laps in a row.', low=1)
+    laps: int = parameter(1, 'Laps in a row.', low=1, high=1_000_000)
     seeds: int = parameter(EvaluationParameters.seeds, 'Seeds of laps.', low=1, high=1_000_000)
     seed_offset: int = parameter(
         0, "The first seed of laps, counted from the run's.", low=0, high=2**40

@@ -62,7 +62,7 @@ class ReplayNodeParameters(Parameters):
     )
     output: str = parameter('', 'File for the result, in JSON; empty: only printed.')
     wait_for_subscribers: int = parameter(
-        1, 'Subscribers event_camera/events must have before the first packet.', low=1
+        1, 'Subscribers event_camera/events must have before the first packet.', low=1, high=1000
     )
     sensor: SensorParameters = nested(SensorParameters)
 
