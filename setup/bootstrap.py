@@ -1,6 +1,6 @@
 """Set up what is missing: virtual environment, pinned packages, built workspace.
 
-Called by `setup/bootstrap run|learn|view|test`; needs nothing but Python 3.10 to 3.12. What is
+Called by `setup/bootstrap run|learn|view|test`; needs nothing but Python 3.10 to 3.13. What is
 complete is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued,
 and that a change of a requirement or an interface repeats what depends on it and nothing else.
 
@@ -71,18 +71,25 @@ def set_up(purpose: str) -> None:
     Raises:
         SetupError: Something is needed that only the user can install.
     """
-    ros = find_ros(os.environ)
+    set_up_packages(purpose, find_ros(os.environ))
+    if purpose == 'test' and not has_browser():
+        with step('installing Chromium for the tests of pages'):
+            run(['sh', str(ROOT / 'setup/browser')], 'browser', os.environ)
+
+
+def set_up_packages(purpose: str, ros: Ros) -> None:
+    """Set up the environment, the packages in it and the workspace."""
     state = read_state()
     environment = f'{ROOT}, {ros.prefix or f"wheels for Python {_version()}"}'
+    is_kept = state.get('environment') == environment and _is_of_chosen_python(ros)
     lists = wanted_lists(purpose, ros)
-    if state.get('environment') == environment and PYTHON.exists():
+    missing = list(lists)
+    if is_kept:
         missing = [name for name in lists if state.get(name) != lists[name].fingerprint]
         if not missing and not outdated_packages(state, ros):
             return
-    else:
-        missing = list(lists)
     check_machine(ros)
-    if state.get('environment') != environment or not PYTHON.exists():
+    if not is_kept:
         make_environment(ros, is_continued=not state and _is_for_this_python(ros))
         state = {'environment': environment}
         write_state(state)
@@ -176,7 +183,7 @@ def _check_python(ros: Ros) -> None:
 
 def base_python(ros: Ros) -> str:
     """Return the interpreter that the environment is made with."""
-    if ros.prefix is not None and 'PYTHON' not in os.environ:
+    if ros.prefix is not None and not os.environ.get('PYTHON'):
         return '/usr/bin/python3'  # what an installed ROS is made for
     return os.path.realpath(sys.executable)
 
@@ -203,6 +210,12 @@ def make_environment(ros: Ros, is_continued: bool) -> None:
         run(command, 'venv', os.environ)
 
 
+def _is_of_chosen_python(ros: Ros) -> bool:
+    """Whether .venv is there and of the Python that PYTHON names, if it names one."""
+    is_chosen = not os.environ.get('PYTHON') or os.path.realpath(PYTHON) == base_python(ros)
+    return PYTHON.exists() and is_chosen
+
+
 def _is_for_this_python(ros: Ros) -> bool:
     folders = {path.name for path in VENV.glob('lib/python3.*')}
     return ros.prefix is None and folders <= {f'python{_version()}'}
@@ -223,9 +236,6 @@ def install(*files: Path, is_closed: bool = False) -> None:
         SetupError: pip failed.
     """
     names = ', '.join(file.name for file in files)
-    also = ''
-    if REQUIREMENTS / 'run.txt' in files and sys.version_info >= (3, 12):
-        also = '; pybullet is compiled on Python 3.12, which takes 6 minutes on 2 cores'
     # Through the environment, the versions also hold for what pip builds. They are split at
     # spaces, hence relative.
     variables = os.environ | {
@@ -237,7 +247,7 @@ def install(*files: Path, is_closed: bool = False) -> None:
     command += ['--disable-pip-version-check', '--no-compile', '--retries', '2']
     command += ['--no-deps'] * is_closed
     command += [part for file in files for part in ('-r', str(file))]
-    with step(f'installing {names}{also}'):
+    with step(f'installing {names}'):
         run(command, 'pip', variables)
 
 
@@ -366,6 +376,12 @@ def package_fingerprint(package: Path) -> str:
     names = [path.relative_to(package) for path in files]
     data = [str(name) for name in names if name.parts[0] not in modules]
     return digest(*recipe, relative_to=package) + digest_text('\n'.join(data))
+
+
+def has_browser() -> bool:
+    """Whether there is a browser for the tests of pages, of the machine or in .venv."""
+    path = f'{VENV / "bin"}{os.pathsep}{os.environ.get("PATH", os.defpath)}'
+    return any(shutil.which(name, path=path) for name in ('chromium', 'google-chrome'))
 
 
 # ------------------------------------------------------------------------------ small things

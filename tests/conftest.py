@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+import shutil
 import subprocess
 import time
 from typing import Any, NamedTuple
@@ -41,6 +42,41 @@ class Seen(NamedTuple):
 
     observation: Observation
     wheels: WheelVelocities | None
+
+
+#: Why a test may be skipped, and how many tests may be for that at most. The programs and packages
+#: that `setup/bootstrap test` installs are no reason.
+SKIPS = {
+    'ROS launch is not installed': 2,  # it is not on PyPI
+    'no recordings of cameras at ': 30,  # they are not part of the repository
+    'mounting a small disk needs root': 1,
+    'mounting is not permitted here': 1,
+    "colcon's setup files do not work in paths with a space": 1,
+    'no other Python that is supported': 1,
+}
+
+
+def _excess_skips(session: pytest.Session) -> list[str]:
+    """Return the skips that are not allowed, each with its place and its reason."""
+    terminal = session.config.pluginmanager.get_plugin('terminalreporter')
+    left, excess = dict(SKIPS), []
+    for report in terminal.stats.get('skipped', []) if terminal else []:
+        path, line, reason = report.longrepr
+        reason = reason.removeprefix('Skipped: ')
+        kind = next((start for start in SKIPS if reason.startswith(start)), '')
+        left[kind] = left.get(kind, 0) - 1
+        if left[kind] < 0:
+            excess.append(f'{path}:{line}: {reason}')
+    return excess
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail where more tests are skipped than may be; `-ra` lists them all with their reasons."""
+    excess = _excess_skips(session)
+    if excess and session.exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+    for skip in excess:
+        print(f'\nskipped without a reason that is allowed: {skip}', end='')
 
 
 def _typestore() -> Any:
@@ -224,6 +260,14 @@ class Drives:
 
 def _type_of(topic: str) -> str:
     return next(name for end, name in _TYPES.items() if topic.endswith(end))
+
+
+@pytest.fixture(scope='session')
+def chromium() -> str:
+    """Give the browser that pages are tested in; `setup/bootstrap test` brings one."""
+    found = shutil.which('chromium') or shutil.which('google-chrome')
+    assert found, 'no Chromium: setup/bootstrap test'
+    return found
 
 
 @pytest.fixture(scope='session')

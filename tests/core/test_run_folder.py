@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 import re
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -77,6 +78,8 @@ def test_versions_name_what_computes() -> None:
         *('commit', 'machine'),
     ]
     assert str(versions()['python']).startswith('3.')
+    # 3.2.7 of pybullet, 3.2.8 of pybullet-arm64.
+    assert str(versions()['pybullet']) == ('3.2.8' if sys.version_info >= (3, 12) else '3.2.7')
 
 
 def test_metrics_are_plain_json(tmp_path: Path) -> None:

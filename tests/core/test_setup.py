@@ -64,17 +64,22 @@ class Machine:
         """Replace what starts programs, except for the questions to Python."""
         self.calls: list[str] = []
         self.failing = ''
+        self.has_browser = True
         self._bootstrap = bootstrap
         monkeypatch.setattr(bootstrap, 'run', self._run)
         monkeypatch.setattr(bootstrap, 'repair_cmake_files', lambda: None)
         monkeypatch.setattr(bootstrap, 'check_machine', lambda ros: None)
-        monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+        monkeypatch.setattr(bootstrap, 'has_browser', lambda: self.has_browser)
+        for name in ('AMENT_PREFIX_PATH', 'PYTHON'):
+            monkeypatch.delenv(name, raising=False)
 
     def _run(self, command: Sequence[str], name: str, variables: Mapping[str, str]) -> None:
         arguments = [Path(word).name for word in command if word.endswith('.txt')]
         if name == 'colcon':
             between = command[command.index('--paths') + 1 : command.index('--cmake-args')]
             arguments = [Path(word).name for word in between if not word.startswith('--')]
+        if name == 'browser':
+            arguments = []
         self.calls.append(' '.join([name, *arguments]))
         if name == self.failing:
             raise self._bootstrap.SetupError(name)
@@ -86,9 +91,14 @@ class Machine:
 
     def calls_of(self, purpose: str) -> list[str]:
         """Return what is called when set-up is."""
-        self.calls = []
-        self._bootstrap.main(purpose)
+        self.status_of(purpose)
         return self.calls
+
+    def status_of(self, purpose: str) -> int:
+        """Return set-up's exit status."""
+        self.calls = []
+        status: int = self._bootstrap.main(purpose)
+        return status
 
 
 @pytest.fixture
@@ -108,6 +118,28 @@ def test_a_second_call_does_nothing(machine: Machine) -> None:
     assert machine.calls_of('learn') == ['pip learn.txt']
     assert machine.calls_of('test') == ['pip test.txt']
     assert machine.calls_of('test') == []
+
+
+def test_tests_bring_a_browser_where_there_is_none(machine: Machine) -> None:
+    """It is looked for at each call, as the machine's can be removed; set-up fails without one."""
+    machine.calls_of('test')
+    machine.has_browser = False
+    assert machine.calls_of('run') == []
+    assert machine.calls_of('test') == ['browser']
+    machine.failing = 'browser'
+    assert machine.status_of('test') == 1
+
+
+def test_another_python_that_is_asked_for_is_obeyed(
+    machine: Machine, bootstrap: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even one of the same version; the environment's own Python is no other."""
+    machine.calls_of('run')
+    monkeypatch.setenv('PYTHON', sys.executable)
+    assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
+    bootstrap.PYTHON.unlink()
+    bootstrap.PYTHON.symlink_to(os.path.realpath(sys.executable))
+    assert machine.calls_of('run') == []
 
 
 @pytest.mark.parametrize(
@@ -218,11 +250,43 @@ def fake(path: Path, script: str) -> str:
     return str(path)
 
 
-def test_wrong_python_is_refused_in_one_line(tree: Path, tmp_path: Path) -> None:
-    """It says which will do."""
-    old = fake(tmp_path / 'python3.9', 'exit 1')
-    said = say(str(tree / 'setup/bootstrap'), 'run', PYTHON=old, PATH=os.defpath)
-    assert said.startswith(f'set-up: Python 3.10, 3.11 or 3.12 is needed (tried: {old})')
+@pytest.mark.parametrize(
+    ('script', 'fault'),
+    [
+        (None, 'is not there'),
+        ('echo 3.9', 'is Python 3.9'),
+        ('echo 3.14', 'is Python 3.14'),
+        ('exit 1', 'does not run'),
+        ('echo "libpython.so: not found" >&2; exit 127', 'does not run (libpython.so: not found)'),
+    ],
+)
+def test_wrong_python_is_refused_in_one_line(
+    tree: Path, tmp_path: Path, script: str | None, fault: str
+) -> None:
+    """It says what is wrong with it, and which will do."""
+    python = str(tmp_path / 'python3')
+    if script is not None:
+        fake(Path(python), script)
+    said = say(str(tree / 'setup/bootstrap'), 'run', PYTHON=python, PATH=os.defpath)
+    assert said == (
+        f'set-up: Python 3.10, 3.11, 3.12 or 3.13 is needed, but {python} {fault}: '
+        'choose another with PYTHON=/path/to/python3\n'
+    )
+
+
+def test_a_machine_without_a_python_is_told_what_was_tried(tree: Path, tmp_path: Path) -> None:
+    """With what to install."""
+    for name in ('dirname', 'head'):
+        (tmp_path / name).symlink_to(str(shutil.which(name)))
+    fake(tmp_path / 'python3', 'echo 3.9')
+    fake(tmp_path / 'python3.12', 'echo "pyenv: python3.12: command not found" >&2; exit 127')
+    said = say('/bin/sh', str(tree / 'setup/bootstrap'), 'run', PATH=str(tmp_path))
+    assert said == (
+        'set-up: Python 3.10, 3.11, 3.12 or 3.13 is needed, but python3 is Python 3.9, '
+        'python3.12 does not run (pyenv: python3.12: command not found), '
+        'python3.13 is not there, python3.11 is not there, python3.10 is not there: '
+        'sudo apt install python3-venv python3-dev, or PYTHON=/path/to/python3 make run\n'
+    )
 
 
 def test_missing_compiler_is_told_in_one_line(tree: Path, tmp_path: Path) -> None:
@@ -381,9 +445,19 @@ def test_every_version_is_pinned() -> None:
             assert not (version and package in pins), f'{name}: {package} is pinned twice'
 
 
+def test_pybullet_has_one_wheel_for_each_python() -> None:
+    """Both distributions own the same module; the one has no wheels from Python 3.12 on."""
+    lines = [line.split('#')[0].strip() for line in (ROOT / 'requirements/run.txt').open()]
+    assert [line for line in lines if line.startswith('pybullet')] == [
+        "pybullet; python_version < '3.12'",
+        "pybullet-arm64; python_version >= '3.12'",
+    ]
+
+
 def requirements(name: str) -> dict[str, str]:
     """Return a list's packages, by pip's canonical names, and what follows them."""
     lines = [line.split('#')[0].strip() for line in (ROOT / 'requirements' / name).open()]
+    lines = [line.split(';')[0] for line in lines]  # without the Python it is for
     matches = [re.match(r'([\w.-]+)(?:\[\w+\])?(.*)', line) for line in lines if line]
     return {
         re.sub('[-_.]+', '-', match[1]).lower(): match[2] for match in matches if match is not None

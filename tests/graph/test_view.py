@@ -9,7 +9,6 @@ import io
 import os
 from pathlib import Path
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -129,12 +128,9 @@ def test_being_watched_changes_nothing(view: View, tmp_path: Path) -> None:
     assert watched == (alone / 'trajectory.csv').read_bytes()
 
 
-def test_a_browser_shows_it_without_a_network(view: View) -> None:
+def test_a_browser_shows_it_without_a_network(view: View, chromium: str) -> None:
     """Headless Chromium: the page comes up by itself, with the robot on the course."""
     sync_api = pytest.importorskip('playwright.sync_api')
-    chromium = shutil.which('chromium') or shutil.which('google-chrome')
-    if chromium is None:
-        pytest.skip('no Chromium')
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(BROWSER))
         page = browser.new_page(viewport={'width': 1400, 'height': 900})

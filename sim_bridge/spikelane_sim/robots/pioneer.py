@@ -39,11 +39,11 @@ import weakref
 
 import numpy as np
 from numpy.typing import NDArray
-import pybullet
 
 from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import RobotParameters
+from spikelane_sim.robots.bullet import pybullet
 from spikelane_sim.robots.description import Description, read_description, URDF_PATH
 
 _GRAVITY_M_S2 = 9.81

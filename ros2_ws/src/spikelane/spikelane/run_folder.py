@@ -40,6 +40,8 @@ from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
+#: The distribution that has pybullet's wheels for Python 3.12 and later.
+_PYBULLET_OTHERWISE = 'pybullet-arm64'
 
 _GIT_S = 5.0  # to say which commit this is
 
@@ -226,11 +228,16 @@ def versions() -> dict[str, str | None]:
     """
     found: dict[str, str | None] = {'python': platform.python_version()}
     for name in VERSIONED:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
+        found[name] = _version(name)
+    found['pybullet'] = found['pybullet'] or _version(_PYBULLET_OTHERWISE)
     return {**found, 'commit': commit(), 'machine': machine()}
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 @functools.cache

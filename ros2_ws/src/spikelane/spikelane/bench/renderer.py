@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-import pybullet
 
 from spikelane_sim.camera import Camera, CameraParameters
 from spikelane_sim.course import Course, load_course
 from spikelane_sim.course_file import Marking
 from spikelane_sim.curve import length_of, poses_along
 from spikelane_sim.ground import painted_stretches
+from spikelane_sim.robots.bullet import pybullet
 
 #: Length of a straight piece of a strip; off the arc by 0.2 mm at most on the paper's course [m].
 STRIP_STEP_M = 0.05
