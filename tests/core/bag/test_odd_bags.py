@@ -358,13 +358,17 @@ def chunks_of_zeros(path: Path, compression: str) -> Path:
         (
             'a_0.mcap',
             lambda path: mcap_file(path, zstandard.compress(b'1'), 'zstd', 1 << 40),
-            'it becomes 1099511627776 bytes, more than 536870912 are not read',
+            'it would become 1099511627776 bytes, at most 536870912 are read',
         ),
-        ('a_0.db3.zstd', zeros, 'cannot be decompressed to its end: it becomes 1048576 bytes'),
+        (
+            'a_0.db3.zstd',
+            zeros,
+            'cannot be decompressed to its end: it would become 1048576 bytes',
+        ),
         (
             'a_0.db3',
             lambda path: database(path, [zstandard.compress(bytes(ZEROS))] * 3),
-            '/events: 3 messages cannot be decompressed: it becomes 134217728 bytes',
+            '/events: 3 messages cannot be decompressed: it would become 134217728 bytes',
         ),
     ],
 )
@@ -381,6 +385,16 @@ def test_decompression_has_limits(
     assert '\n' not in str(caught.value)
     assert time.monotonic() - begin < 10
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < 150_000
+
+
+def test_reading_ends_after_very_many_messages_that_cannot_be_read(tmp_path: Path) -> None:
+    """A small file may hold millions."""
+    with BagWriter(tmp_path / 'bag') as bag:
+        topic = bag.add_topic('/events', EVENT_PACKET, '')
+        for _ in range(110_000):
+            bag.write(topic, 0, 0, b'1')
+    with pytest.raises(BagError, match='no more was read after 100001 such messages'):
+        RecordedDrive(tmp_path / 'bag')
 
 
 def test_zeros_in_a_chunk_are_no_records(tmp_path: Path) -> None:

@@ -76,6 +76,12 @@ def values(bag: Path) -> list[float]:
     return found
 
 
+def values_of_folder(bag: Path) -> list[bytes]:
+    """Return what rosbags reads by metadata.yaml."""
+    with Reader(bag) as reader:
+        return [data for _, _, data in reader.messages()]
+
+
 def test_a_killed_bag_is_made_whole(tmp_path: Path) -> None:
     """With all messages, times, QoS, type hashes and custom data; again there is nothing to do."""
     bag = killed_bag(tmp_path / 'bag')
@@ -158,6 +164,29 @@ def test_metadata_alone_may_be_lost(tmp_path: Path, spoil: Callable[[Path], Any]
     assert repair_bag(bag).written == ('metadata.yaml',)
     assert len(values(bag)) == 400
     assert BagReader(bag).custom_data == FACTS
+
+
+@pytest.mark.parametrize('name', [b'rosbag2', b'reliability: reliable'])
+def test_damage_in_a_summary_is_repaired(tmp_path: Path, name: bytes) -> None:
+    """Some readers stumble over it though all messages are sound."""
+    bag = killed_bag(tmp_path / 'bag')
+    repair_bag(bag)
+    content = bytearray((bag / 'bag_0.mcap').read_bytes())
+    content[content.rindex(name) + 1] ^= 0x80
+    (bag / 'bag_0.mcap').write_bytes(content)
+    assert 'bag_0.mcap' in repair_bag(bag).written
+    assert values(bag) == [float(number) for number in range(400)]
+
+
+def test_qos_that_is_not_that_of_the_file_is_repaired(tmp_path: Path) -> None:
+    """Without, rosbags silently leaves out the topic's messages."""
+    bag = killed_bag(tmp_path / 'bag')
+    repair_bag(bag)
+    file = bag / 'metadata.yaml'
+    file.write_text(file.read_text().replace('transient_local', 'volatile', 1))
+    assert len(values_of_folder(bag)) == 200
+    assert repair_bag(bag).written == ('metadata.yaml',)
+    assert values(bag) == [float(number) for number in range(400)]
 
 
 def test_damage_in_the_middle_costs_its_chunk(tmp_path: Path) -> None:

@@ -39,10 +39,10 @@ class Budget:
             BudgetError: The piece is too large, or too little is left for it.
         """
         if size > PIECE_LIMIT:
-            raise BudgetError(f'it becomes {size} bytes, more than {PIECE_LIMIT} are not read')
+            raise BudgetError(f'it would become {size} bytes, at most {PIECE_LIMIT} are read')
         if size > self._left:
             raise BudgetError(
-                f'it becomes {size} bytes, where a file of this size may become {self._limit}'
+                f'it would become {size} bytes, where a file of this size may become {self._limit}'
             )
         self._left -= size
 

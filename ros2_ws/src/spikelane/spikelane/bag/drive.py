@@ -41,6 +41,8 @@ WHEELS_TOPIC = 'wheel_velocities'
 _OVERTAKEN = 100
 #: Drivers are not started again more often in one recording.
 _RESTARTS = 10
+#: After so many messages that cannot be read no more are tried.
+_UNREADABLE = 100_000
 _NAMED = 12  # topics in a message at most
 
 T = TypeVar('T')
@@ -185,8 +187,12 @@ class RecordedDrive:
                 yield _Read(position, message, self._record(message))
             except BagError as error:
                 faults.add(message.topic, str(error).removeprefix(f'{self.source.path}: '))
+                if faults.count > _UNREADABLE:  # in hours there would be nothing else
+                    break
         if wanted is None:
             self._damage = [*self.source.damage, *faults.notes('messages cannot be read')]
+            if faults.count > _UNREADABLE:
+                self._damage.append(f'no more was read after {faults.count} such messages')
             self.notes += self._damage
             if self.source.is_cut:
                 self.notes.append('`spikelane repair` makes such a bag whole for other programs')

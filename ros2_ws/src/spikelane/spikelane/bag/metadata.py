@@ -6,6 +6,7 @@ The layout (keys, order, indentation) is that of rosbag2 0.26 (Jazzy), metadata 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import itertools
 import json
 from pathlib import Path
 import re
@@ -143,6 +144,13 @@ def parse_qos(text: str, where: str) -> tuple[QosProfile, ...]:
 
     content = _load(text, where)
     try:
+        profiles = parse_profiles(content or [])
+        for each in profiles:
+            times = each.deadline, each.lifespan, each.liveliness_lease_duration
+            if not all(type(number) is int for number in (each.depth, *itertools.chain(*times))):
+                raise TypeError('a depth or duration that is no whole number')
+            if type(each.avoid_ros_namespace_conventions) is not bool:
+                raise TypeError('a convention that is neither true nor false')
         return tuple(
             QosProfile(
                 history=each.history.name.lower(),
@@ -155,7 +163,7 @@ def parse_qos(text: str, where: str) -> tuple[QosProfile, ...]:
                 liveliness_lease_duration=QosDuration(*each.liveliness_lease_duration),
                 avoid_ros_namespace_conventions=each.avoid_ros_namespace_conventions,
             )
-            for each in parse_profiles(content or [])
+            for each in profiles
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BagError(f'{where}: expected QoS profiles, got others: {error}') from None

@@ -33,9 +33,12 @@ from spikelane.bag.metadata import (
 )
 from spikelane.bag.scan import McapScan
 from spikelane.bag.storage import later_files, locate
+from spikelane.bag.verification import has_sound_summary, is_described, readable_count
 from spikelane.bag.writer import CHUNK_BYTES, LIBRARY
 from spikelane_sim.errors import BagError
 from spikelane_sim.files import write_text_atomically
+
+_QOS = 'offered_qos_profiles'
 
 
 class Repair(NamedTuple):
@@ -104,39 +107,50 @@ def _repair(
     notes: list[str],
 ) -> Repair:
     contents = [_scan(file) for file in files]
-    bad = [file for file, each in zip(files, contents, strict=True) if not _is_sound(file, each)]
+    count = sum(each.record.message_count for each in contents)
+    is_whole = path.is_dir() and is_described(path, files, count)
+    bad = [
+        file
+        for file, each in zip(files, contents, strict=True)
+        if not _is_sound(file, each, is_readable=is_whole)
+    ]
     for file, each in zip(files, contents, strict=True):
         notes += [f'{each.name}: {what}' for what in each.damage]
         if file in bad and each.attachments:
             notes.append(f'{each.name}: its {each.attachments} attachments are not kept')
-    count = sum(each.record.message_count for each in contents)
     if metadata is not None and metadata.message_count > count:
         notes.append(
             f'{count} messages are left of the {metadata.message_count} that {FILE_NAME} counts'
         )
     has_metadata = path.is_dir() or out is not None
-    is_described = not has_metadata or _is_described(path, files, count)
-    if not bad and is_described:
+    if not bad and (is_whole or not has_metadata):
         return Repair(path, count, (), tuple(notes))
     target = path if out is None else out
-    folder = target if has_metadata else path.parent
     text = _metadata(contents, metadata).to_file_text() if has_metadata else ''
-    with _workshop(folder, is_new=out is not None) as workshop:
-        for file in files:
-            if file in bad:
-                _write_anew(file, workshop / file.name)
-            elif out is not None:
-                shutil.copyfile(file, workshop / file.name)
-        if out is not None:
-            write_text_atomically(workshop / FILE_NAME, text)
-            workshop.rename(out)
-        else:
-            for file in bad:
-                os.replace(workshop / file.name, file)
-            if has_metadata:
-                write_text_atomically(path / FILE_NAME, text)
+    _write(path, out, files, bad, text)
     written = [file.name for file in bad] + ([FILE_NAME] if has_metadata else [])
     return Repair(target, count, tuple(written), tuple(notes))
+
+
+def _write(
+    path: Path, out: Path | None, files: Sequence[Path], bad: Sequence[Path], metadata: str
+) -> None:
+    """Write bad files and metadata.yaml anew, into a copy of the bag or in place."""
+    folder = out or (path if path.is_dir() else path.parent)
+    with _workshop(folder, is_new=out is not None) as workshop:
+        for file in bad:
+            _write_anew(file, workshop / file.name)
+        if out is not None:
+            for file in files:
+                if file not in bad:
+                    shutil.copyfile(file, workshop / file.name)
+            write_text_atomically(workshop / FILE_NAME, metadata)
+            workshop.rename(out)
+            return
+        for file in bad:
+            os.replace(workshop / file.name, file)
+        if metadata:
+            write_text_atomically(path / FILE_NAME, metadata)
 
 
 def _find(path: Path) -> tuple[list[Path], StoredMetadata | None, list[str]]:
@@ -222,35 +236,11 @@ def _type_name(schema: Schema | None) -> str:
     return schema.name if schema else ''
 
 
-def _is_sound(file: Path, contents: _Contents) -> bool:
-    return not contents.damage and _readable_count(file) == contents.record.message_count
-
-
-def _readable_count(file: Path) -> int | None:
-    """Return how many messages rosbags reads, None where it refuses the file."""
-    from rosbags.rosbag2.storage_mcap import McapReader
-
-    reader = McapReader(file)
-    try:
-        reader.open()
-        with contextlib.closing(reader):
-            return sum(1 for _ in reader.messages(reader.connections))
-    except Exception:  # what rosbags raises for a damaged file is not ours to list
-        return None
-
-
-def _is_described(folder: Path, files: Sequence[Path], count: int) -> bool:
-    """Return whether metadata.yaml says what there is, and rosbags takes it."""
-    from rosbags.rosbag2 import Reader
-
-    try:
-        said = read_metadata(folder / FILE_NAME)
-        if said.message_count != count or len(said.file_names) != len(files):
-            return False
-        with Reader(folder):
-            return True
-    except Exception:  # as above
+def _is_sound(file: Path, contents: _Contents, *, is_readable: bool) -> bool:
+    """Return whether a file needs no repair; `is_readable` where rosbags has read it already."""
+    if contents.damage or not has_sound_summary(file):
         return False
+    return is_readable or readable_count(file) == contents.record.message_count
 
 
 def _write_anew(file: Path, target: Path) -> None:
@@ -270,8 +260,13 @@ def _write_anew(file: Path, target: Path) -> None:
             if key not in ids:
                 schema = scan.schemas.get(channel.schema_id) or Schema(0, b'', '', '')
                 text = schema.data.decode(errors='replace')
+                facts = dict(channel.metadata)
+                if facts.get(_QOS, '[]') != '[]' and not _qos(
+                    channel
+                ):  # readers compare it with metadata.yaml
+                    facts[_QOS] = ''
                 ids[key] = new.add_channel(
-                    channel.topic, schema.name, schema.encoding, text, channel.metadata
+                    channel.topic, schema.name, schema.encoding, text, facts
                 )
             return ids[key]
 
@@ -284,7 +279,7 @@ def _write_anew(file: Path, target: Path) -> None:
             channel_id(channel)
         new.finish()
         new.sync()
-    if _readable_count(target) != new.message_count:
+    if readable_count(target) != new.message_count:
         raise BagError(f'{file}: what can be read of it does not make a file that others read')
 
 
@@ -311,7 +306,7 @@ def _metadata(contents: Sequence[_Contents], said: StoredMetadata | None) -> Bag
 
 
 def _qos(channel: Channel) -> tuple[QosProfile, ...]:
-    text = channel.metadata.get('offered_qos_profiles', '')
+    text = channel.metadata.get(_QOS, '')
     try:
         return parse_qos(text, channel.topic) if text else ()
     except BagError:  # readers do without

@@ -53,15 +53,21 @@ class SourceMessage(NamedTuple):
 
 
 class Faults:
-    """Counts what is wrong with the messages of each topic, and keeps the first reason."""
+    """Counts what is wrong with the messages of each topic, and keeps the first reason.
+
+    Attributes:
+        count: Of all topics.
+    """
 
     def __init__(self) -> None:
+        self.count = 0
         self._found: dict[str, tuple[int, str]] = {}
 
     def add(self, topic: str, reason: str) -> None:
         """Count one."""
         count, first = self._found.get(topic, (0, reason))
         self._found[topic] = count + 1, first
+        self.count += 1
 
     def notes(self, what: str) -> list[str]:
         """Return a sentence for each topic."""
