@@ -136,7 +136,7 @@ class Sensor:
     def notes(self) -> dict[str, str]:
         """What was odd, by its kind: a sentence each, with counts."""
         notes = {}
-        for number, (reason, count) in enumerate(self._faults.items()):
+        for number, (reason, count) in enumerate(list(self._faults.items())):
             taken = 'left out' if self.is_camera else 'taken as empty'
             notes[f'faulty {number}'] = (
                 f'{count} event packets cannot be decoded; {taken}: {reason}'
@@ -150,7 +150,7 @@ class Sensor:
                 f'{self.mistimed} events whose times do not fit those around them were left out'
             )
         if self._restarts:
-            reasons = '; '.join(f'{reason} ({n})' for reason, n in self._restarts.items())
+            reasons = '; '.join(f'{reason} ({n})' for reason, n in list(self._restarts.items()))
             notes['restarts'] = f"the camera's steps began anew {self.restarts} times: {reasons}"
         return notes
 

@@ -168,10 +168,6 @@ def spoil(packet: EventPacket, how: str) -> None:
         packet.events = array('B', bytes(packet.events) + b'\0')
     elif how == 'unknown encoding':
         packet.encoding = 'evt9'
-    elif how == 'unknown code':
-        packet.events = array('B', bytes(packet.events) + b'\x00\xd0')
-    elif how == 'outside':
-        packet.events = array('B', bytes(packet.events[:4]) + b'\x00\x00' + b'\x80\x20')
     elif how == 'no size':
         packet.width = packet.height = 0
     else:
@@ -183,8 +179,6 @@ def spoil(packet: EventPacket, how: str) -> None:
     [
         ('odd length', 'bytes'),
         ('unknown encoding', 'evt9'),
-        ('unknown code', 'known word'),
-        ('outside', 'coordinates'),
         ('no size', '0 x 0'),
         ('big-endian', 'little-endian'),
     ],

@@ -15,7 +15,8 @@ import threading
 from typing import NamedTuple
 
 from event_camera_msgs.msg import EventPacket
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
@@ -32,14 +33,20 @@ from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
+EVENTS = 'event_camera/events'
 RELIABILITIES = {
+    'auto': ReliabilityPolicy.RELIABLE,  # until a publisher is met that is not
     'reliable': ReliabilityPolicy.RELIABLE,
     'best_effort': ReliabilityPolicy.BEST_EFFORT,
 }
+_LOOK_PERIOD_S = 0.5
+_NOTES_PERIOD_S = 1.0
+_NOTES_AGAIN = 30  # periods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +67,9 @@ class ControllerNodeParameters(Parameters):
         high=1000,
     )
     reliability: str = parameter(
-        'reliable',
-        'Of the subscription to event_camera/events; best_effort where its publisher is.',
+        'auto',
+        'Of the subscription to event_camera/events. auto: reliable, so that nothing is lost, but '
+        'best_effort where a publisher is, as the drivers of cameras are.',
         choices=tuple(RELIABILITIES),
     )
     sensor: SensorParameters = nested(SensorParameters)
@@ -110,9 +118,14 @@ class ControllerNode(Node):
             kept,
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._on_match()),
         )
+        self._received = self._lane_states = self._steps = 0
+        self._reliability = RELIABILITIES[self._settings.reliability]
+        self._said: dict[str, tuple[str, int]] = {}  # notes of the sensor, and when [periods]
+        self._periods = 0
         self._pairs = StampPairs(self._on_observation)
         self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
         self._subscribe()
+        self._begin_to_look()
         self._start()
 
     def halt(self, number: int) -> None:
@@ -159,19 +172,86 @@ class ControllerNode(Node):
             self._observations.subscribe(
                 LaneState,
                 'lane/state',
-                self._pairs.add_first,
+                self._on_lane_state,
                 RELIABLE_10,
                 is_companion=True,
             )
-        reliability = RELIABILITIES[self._settings.reliability]
-        # A simulator waits for us; a camera does not, and sends many packets a step.
-        depth = 10 if self._settings.use_lane_state else 1000
+        callbacks = None
+        if self._settings.reliability == 'auto':
+            callbacks = SubscriptionEventCallbacks(
+                incompatible_qos=lambda _: self._look_at_publishers()
+            )
         self._observations.subscribe(
             EventPacket,
-            'event_camera/events',
+            EVENTS,
             self._on_packet,
-            QoSProfile(depth=depth, reliability=reliability),
+            self._events_qos(),
+            event_callbacks=callbacks,
         )
+
+    def _events_qos(self) -> QoSProfile:
+        # A simulator waits for us; a camera does not, and sends many packets a step.
+        depth = 10 if self._settings.use_lane_state else 1000
+        return QoSProfile(depth=depth, reliability=self._reliability)
+
+    def _begin_to_look(self) -> None:
+        """Begin to look for publishers, for progress, and for what is odd in the packets."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        if self._settings.reliability == 'auto':
+            self.create_timer(_LOOK_PERIOD_S, self._look_at_publishers, clock=steady)
+        self.create_timer(_NOTES_PERIOD_S, self._report_notes, clock=steady)
+        self._waiting = WaitingWarnings(self, lambda: self._steps, self._lacks)
+
+    def _look_at_publishers(self) -> None:
+        """Subscribe as the publishers of events offer it.
+
+        A best-effort publisher does not match a reliable subscription, and a best-effort
+        subscription could lose what a reliable publisher sends.
+        """
+        offered = {
+            info.qos_profile.reliability
+            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(EVENTS))
+        }
+        wanted = ReliabilityPolicy.RELIABLE
+        if ReliabilityPolicy.BEST_EFFORT in offered:
+            wanted = ReliabilityPolicy.BEST_EFFORT
+        if wanted != self._reliability:
+            self._reliability = wanted
+            self._observations.renew(EVENTS, self._events_qos())
+            self.get_logger().info(f'{EVENTS}: subscribed {wanted.name.lower()}, as it is offered')
+
+    def _lacks(self) -> str:
+        """Return what was received and what is lacking for the next step."""
+        publishers = self.count_publishers(EVENTS)
+        received = f'received {self._received} event packets'
+        if self._settings.use_lane_state:
+            received += f' and {self._lane_states} lane states'
+        received += f', answered {self._steps} steps'
+        if publishers == 0:
+            lacks = f'{EVENTS} has no publisher'
+        elif self._received == 0 or self._steps:
+            lacks = (
+                f'no further event packet that makes a step comes from {publishers} publishers of '
+                f'{EVENTS}'
+            )
+        elif self._settings.use_lane_state:
+            lacks = (
+                f'no lane/state ({self.count_publishers("lane/state")} publishers) has the stamp '
+                'of a packet; a camera has none: use_lane_state:=false'
+            )
+        else:
+            lacks = 'no step of 50 ms is complete: the packets tell of no time that goes on'
+        return f'waiting for observations: {lacks}; {received}'
+
+    def _report_notes(self) -> None:
+        """Warn of what is odd in the packets: at once, then of a kind once in a while."""
+        self._periods += 1
+        for kind, text in self._sensor.notes.items():
+            said, when = self._said.get(kind, ('', -_NOTES_AGAIN))
+            # Faults are reported as they come.
+            if text != said and self._periods - when >= _NOTES_AGAIN and 'faulty' not in kind:
+                self._said[kind] = (text, self._periods)
+                self.get_logger().warning(f'{EVENTS}: {text}')
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         """Return what answers: the controller itself, or something that asks it."""
@@ -182,7 +262,12 @@ class ControllerNode(Node):
         """Begin to answer."""
         self._observations.start()
 
+    def _on_lane_state(self, lane: LaneState) -> None:
+        self._lane_states += 1
+        self._pairs.add_first(lane)
+
     def _on_packet(self, packet: EventPacket) -> None:
+        self._received += 1
         try:
             if self._settings.use_lane_state:
                 self._pairs.add_second(packet)
@@ -206,6 +291,7 @@ class ControllerNode(Node):
                 self._step(lane, step.events, step.stamp_ns)
                 self._lane = lane
                 self._is_answered = True
+                self._steps += 1
                 self._publish_answer()
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:

@@ -125,6 +125,11 @@ class LearningNode(ControllerNode):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._search = self.create_timer(0.1, self._reset_if_there, clock=steady)
 
+    def _lacks(self) -> str:
+        if self._training is not None and not self._client.service_is_ready():
+            return 'waiting to reset the simulator: the service simulator/reset is not there'
+        return super()._lacks()
+
     def _reset_if_there(self) -> None:
         if self._client.service_is_ready():
             self._search.cancel()

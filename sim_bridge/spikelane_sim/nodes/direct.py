@@ -14,6 +14,7 @@ import traceback
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -41,6 +42,16 @@ class NotForExecutors(CallbackGroup):
         del entity
 
 
+def serve_events(node: Node, subscription: Subscription) -> None:
+    """Let the executor serve a direct subscription's events, as it does any other's.
+
+    The warning that a publisher's quality of service does not match is one of them.
+    """
+    for handler in subscription.event_handlers:
+        handler.callback_group = node.default_callback_group
+        node.default_callback_group.add_entity(handler)
+
+
 class DirectSubscriptions:
     """Some subscriptions of a node, with one thread that waits for and handles their messages.
 
@@ -66,6 +77,7 @@ class DirectSubscriptions:
         self._group = NotForExecutors()
         self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._companions: set[Subscription] = set()
+        self._renewals: list[tuple[str, QoSProfile]] = []
         self._wake = GuardCondition(None, self._group, context=node.context)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
@@ -79,7 +91,8 @@ class DirectSubscriptions:
         qos: QoSProfile,
         *,
         is_companion: bool = False,
-    ) -> None:
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+    ) -> Subscription:
         """Subscribe to a topic; before `start` only.
 
         Args:
@@ -90,13 +103,29 @@ class DirectSubscriptions:
             is_companion: Its messages come just before those of another topic and are of use
                 only with them: they are taken then, and wake nobody. A wake-up costs about as
                 much as a step of the simulator.
+            event_callbacks: As of rclpy; served by the executor.
         """
         subscription = self._node.create_subscription(
-            kind, topic, handle, qos, callback_group=self._group
+            kind,
+            topic,
+            handle,
+            qos,
+            callback_group=self._group,
+            event_callbacks=event_callbacks,
         )
+        serve_events(self._node, subscription)
         self._subscriptions.append((subscription, handle))
         if is_companion:
             self._companions.add(subscription)
+        return subscription
+
+    def renew(self, topic: str, qos: QoSProfile) -> None:
+        """Subscribe to a topic again, with another quality of service; from any thread."""
+        self._renewals.append((topic, qos))
+        if self._thread.is_alive():
+            self._wake.trigger()
+        else:
+            self._renew()
 
     def start(self) -> None:
         """Begin to handle messages."""
@@ -127,6 +156,7 @@ class DirectSubscriptions:
                 wait_set.wait(-1)
                 if context.ok():
                     self._handle()
+                    self._renew()
         except Exception as error:
             if not context.ok():
                 return  # a signal came in the middle of a message: nothing can be published
@@ -136,6 +166,19 @@ class DirectSubscriptions:
             self._node.get_logger().fatal(reason)
             self._node.exit_status = status
             context.try_shutdown()
+
+    def _renew(self) -> None:
+        """Replace subscriptions, in the thread that waits for them once it runs."""
+        while self._renewals:
+            topic, qos = self._renewals.pop(0)
+            for place, (old, handle) in enumerate(self._subscriptions):
+                if old.topic == topic:
+                    new = self._node.create_subscription(
+                        old.msg_type, topic, handle, qos, callback_group=self._group
+                    )
+                    serve_events(self._node, new)
+                    self._subscriptions[place] = (new, handle)
+                    self._node.destroy_subscription(old)
 
     def _handle(self) -> None:
         for subscription, handle in self._subscriptions:

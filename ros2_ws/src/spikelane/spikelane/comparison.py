@@ -62,6 +62,7 @@ def compare(answers: Sequence[Answer]) -> dict[str, Any]:
         first_difference: Index of the first observation that differs, None where none does.
         first_difference_at: Its stamp, episode, step, and both answers.
         largest_difference_rad_s: Between finite wheel velocities; None where there are none.
+        answered: Observations that the controller answered now, recorded answer or not.
         unanswered: Observations that lack an answer in the bag or now.
     """
     compared = [(n, each) for n, each in enumerate(answers) if each.is_compared]
@@ -75,6 +76,7 @@ def compare(answers: Sequence[Answer]) -> dict[str, Any]:
         'first_difference': differing[0][0] if differing else None,
         'first_difference_at': _in_full(differing[0][1]) if differing else None,
         'largest_difference_rad_s': max(filter(math.isfinite, known), default=None),
+        'answered': sum(each.replayed is not None for each in answers),
         'unanswered': len(answers) - len(compared),
     }
 

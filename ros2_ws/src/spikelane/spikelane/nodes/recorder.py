@@ -34,7 +34,7 @@ from spikelane.bag.recording import NOT_RECORDED, Recording
 from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
-from spikelane_sim.nodes.direct import NotForExecutors
+from spikelane_sim.nodes.direct import NotForExecutors, serve_events
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -233,6 +233,7 @@ class Recorder(Node):
         subscription = self.create_subscription(
             message_type, name, _ignore, profile, callback_group=self._group, raw=True
         )
+        serve_events(self, subscription)
         self._subscriptions_taken.append((topic_id, message_type, subscription.handle))
         self._profiles[name] = profile
         self._recorded[name] = topic_id

@@ -31,12 +31,12 @@ from spikelane_sim.files import write_json
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
 _LOOK_PERIOD_S = 0.02
 _TICK_PERIOD_S = 0.001
-_WARNING_PERIOD_S = 5.0
 _LAST_ANSWERS_S = 1.0  # how long they may take in real time
 _KEPT = QoSProfile(depth=1000)
 
@@ -99,8 +99,7 @@ class ReplayNode(Node):
         self._events = self.create_publisher(EventPacket, 'event_camera/events', _KEPT)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looking = self.create_timer(_LOOK_PERIOD_S, self._begin, clock=self._steady)
-        self.create_timer(_WARNING_PERIOD_S, self._warn_if_waiting, clock=self._steady)
-        self._warned_at = -1
+        self._waiting = WaitingWarnings(self, self._progress, self._lacks)
         self._start_s = self._end_s = 0.0
         self._start_ns = 0
         self._has_begun = False  # real time
@@ -213,20 +212,21 @@ class ReplayNode(Node):
             self.exit_status = 1
         self.context.try_shutdown()
 
-    def _warn_if_waiting(self) -> None:
-        if len(self._answers) != self._warned_at:
-            self._warned_at = len(self._answers)
-        elif not self._answers:
-            self.get_logger().warning(
+    def _progress(self) -> tuple[int, int]:
+        return len(self._answers), sum(map(len, self._pending.values()))
+
+    def _lacks(self) -> str:
+        """Return what is waited for, '' where only recorded time has to pass."""
+        if not self._answers:
+            return (
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '
                 f'event_camera/events and a publisher of wheel_velocities; '
                 f'{self._events.get_subscription_count()} and '
                 f'{self.count_publishers("wheel_velocities")} are there'
             )
-        elif self._pending:
-            self.get_logger().warning(
-                f'waiting for wheel_velocities with stamp {next(iter(self._pending))} ns'
-            )
+        if self._pending:
+            return f'waiting for wheel_velocities with stamp {next(iter(self._pending))} ns'
+        return ''
 
 
 def main() -> None:

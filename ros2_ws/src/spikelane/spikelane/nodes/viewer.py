@@ -29,9 +29,10 @@ from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.direct import NotForExecutors
+from spikelane_sim.nodes.direct import NotForExecutors, serve_events
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -87,6 +88,8 @@ class Viewer(Node):
             self._subscribe(ControllerState, 'controller/state', self._show_controller),
             self._subscribe(Weights, 'controller/weights', self._show_weights, WEIGHTS),
         ]
+        self._shown = 0
+        self._waiting = WaitingWarnings(self, lambda: self._shown, self._lacks)
         # Steady time: that of the simulator may stand still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1 / settings.rate_hz, self.take, clock=steady)
@@ -105,7 +108,14 @@ class Viewer(Node):
         """Show what has come."""
         for subscription, show in self._taken:
             while taken := subscription.handle.take_message(subscription.msg_type, False):
+                self._shown += 1
                 self._show(show, taken[0])
+
+    def _lacks(self) -> str:
+        topics = [subscription.topic_name for subscription, _ in self._taken]
+        bare = [topic for topic in topics if not self.count_publishers(topic)]
+        without = f'; without a publisher: {", ".join(bare)}' if bare else ''
+        return f'waiting for something to show: received {self._shown} messages{without}'
 
     def _start_server(self) -> str:
         settings = self._settings
@@ -118,6 +128,7 @@ class Viewer(Node):
         subscription = self.create_subscription(
             kind, topic, lambda message: None, qos, callback_group=self._group
         )
+        serve_events(self, subscription)
         return subscription, show
 
     def _show(self, show: Callable, message) -> None:

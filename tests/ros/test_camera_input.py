@@ -1,0 +1,82 @@
+"""Controller nodes and cameras' drivers: what is received, and what a node says that waits."""
+
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from event_camera_msgs.msg import EventPacket
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from spikelane_msgs.msg import WheelVelocities
+
+from spikelane.bag.drive import RecordedDrive
+from spikelane_sim.nodes import conversions
+
+pytestmark = pytest.mark.ros
+
+DATA = Path(__file__).parents[1] / 'data' / 'cameras'
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def play(graph: Any, publisher: Any, name: str) -> None:
+    """Publish a camera's recorded packets, 2 ms apart."""
+    message = EventPacket()
+    for recorded in RecordedDrive(DATA / f'{name}.mcap').packets():
+        conversions.fill_received_packet(message, recorded.packet)
+        publisher.publish(message)
+        time.sleep(0.002)
+
+
+def test_a_best_effort_camera_is_received_with_default_settings(graph: Any) -> None:
+    """As the drivers of ros-event-camera publish; what is odd in the packets is said."""
+    got: list[WheelVelocities] = []
+    node = graph.node
+    node.create_subscription(WheelVelocities, '/cam/wheel_velocities', got.append, 1000)
+    publisher = node.create_publisher(EventPacket, '/cam/event_camera/events', BEST_EFFORT)
+    process = graph.start('braitenberg', {'use_lane_state': 'false'}, '-r', '__ns:=/cam')
+    graph.until(publisher.get_subscription_count, 'the subscription')
+    graph.until(lambda: node.count_publishers('/cam/wheel_velocities'))
+    play(graph, publisher, 'reserved_words')
+    graph.until(lambda: len({each.header.stamp.nanosec for each in got}) == 19, '19 answers')
+    graph.until(lambda: 'reserved words in event packets were skipped' in process.log)
+    assert 'incompatible' not in process.log
+    node.destroy_publisher(publisher)
+
+
+def test_a_node_says_where_qos_do_not_match_and_what_it_lacks(graph: Any) -> None:
+    """Asked to be reliable before a best-effort camera, it is warned of as by any rclpy node."""
+    publisher = graph.node.create_publisher(EventPacket, '/no/event_camera/events', BEST_EFFORT)
+    parameters = {'use_lane_state': 'false', 'reliability': 'reliable'}
+    process = graph.start('braitenberg', parameters, '-r', '__ns:=/no')
+    graph.until(lambda: 'offering incompatible QoS' in process.log, 'the warning')
+    graph.until(lambda: 'waiting for observations: no further event packet' in process.log)
+    assert 'received 0 event packets, answered 0 steps' in process.log
+    graph.node.destroy_publisher(publisher)
+
+
+def test_a_node_without_a_camera_says_so_within_5_s(graph: Any) -> None:
+    """In one line."""
+    process = graph.start('braitenberg', {}, '-r', '__ns:=/none')
+    said = 'waiting for observations: event_camera/events has no publisher; received 0 event '
+    graph.until(lambda: said + 'packets and 0 lane states, answered 0 steps' in process.log)
+
+
+def test_a_camera_without_lane_states_is_told_how_to_be_used(graph: Any) -> None:
+    """The node waits for lane/state unless it is told not to."""
+    publisher = graph.node.create_publisher(EventPacket, '/lane/event_camera/events', 10)
+    process = graph.start('braitenberg', {}, '-r', '__ns:=/lane')
+    graph.until(publisher.get_subscription_count, 'the subscription')
+    play(graph, publisher, 'plain')
+    graph.until(lambda: 'a camera has none: use_lane_state:=false' in process.log)
+    graph.node.destroy_publisher(publisher)
+
+
+def test_a_replay_counts_what_the_controller_answered(graph: Any) -> None:
+    """All 19 steps, though the bag has no answers to compare them with."""
+    remapped = ('-r', '__ns:=/count')
+    graph.start('braitenberg', {'use_lane_state': 'false'}, *remapped)
+    process = graph.start('replay', {'bag': DATA / 'plain.mcap'}, *remapped)
+    graph.until(lambda: process.status is not None, 'the end of the replay')
+    result = json.loads(process.log.splitlines()[-1])
+    assert (result['observations'], result['answered'], result['answers']) == (19, 19, 0)
