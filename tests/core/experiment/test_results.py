@@ -84,3 +84,31 @@ def test_a_lap_counts_for_each_training(tmp_path: Path) -> None:
         {0: [lap(0, 0.01), lap(1, 0.02)], 1: [lap(1, 0.02), lap(2, 0.06)]},
     )
     assert group['laps']['all']['completed']['n'] == 4
+
+
+def test_trainings_that_have_not_got_there_are_censored(tmp_path: Path) -> None:
+    """A last lane loss without a lap after it, and a training that was not solved by its end."""
+    file = tmp_path / 'plan.yaml'
+    file.write_text(
+        'name: tiny\nmatrix: {controllers: [rstdp], seeds: 3, tasks: {train: {steps: 100}}}\n'
+    )
+    found = [(10, True, 40), (20, False, None), (30, True, 60)]
+    statuses = []
+    for run, (last, settled, solved) in zip(
+        make_plan(read_experiment(file)).runs, found, strict=True
+    ):
+        path = tmp_path / run.name
+        path.mkdir()
+        metrics = {'steps': 100, 'last_lane_loss_step': last, 'settled': settled}
+        (path / 'metrics.json').write_text(json.dumps({**metrics, 'solved_by': solved}))
+        statuses.append(Status(run, State.DONE, RunFolder(path)))
+    [group] = experiment_results('tiny', statuses)['groups']
+    assert set(group['metrics']) == {'steps'}
+    last, solved_by = group['times']['last_lane_loss_step'], group['times']['solved_by']
+    # 2/3 go on after 10; the one that is censored at 20 leaves one, whose loss is at 30.
+    assert (last['median'], last['reached'], last['n']) == (30.0, 2, 3)
+    assert (solved_by['median'], solved_by['max'], solved_by['max_reached']) == (
+        60.0,
+        100.0,
+        False,
+    )
