@@ -1,14 +1,16 @@
 """`spikelane train dqn` over ROS: the training in-process, bit for bit."""
 
+import functools
 import json
 import os
 from pathlib import Path
-import signal
 import subprocess
 import sys
 from typing import Any
 
 import pytest
+
+from spikelane.processes import end_with
 
 pytestmark = pytest.mark.ros
 
@@ -37,7 +39,7 @@ def train(folder: Path, transport: str, steps: int, *options: str) -> dict[str, 
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=functools.partial(end_with, os.getpid()),
     )
     output, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, errors

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import functools
 import importlib.util
 import os
 from pathlib import Path
@@ -22,6 +23,7 @@ from rosbags.highlevel import AnyReader
 from safetensors.numpy import load_file
 
 from spikelane.lap import drive_lap, make_config
+from spikelane.processes import end_with
 from spikelane.trajectory_bag import read_trajectory
 from spikelane.viewer.server import WEB_PORT
 
@@ -75,7 +77,7 @@ def launched(folder: Path, name: str, *arguments: str) -> Iterator[Launch]:
                 'ROS_LOG_DIR': str(folder / 'log'),
             },
             start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            preexec_fn=functools.partial(end_with, os.getpid()),
         )
         try:
             yield Launch(process, log)

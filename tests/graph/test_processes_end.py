@@ -1,6 +1,7 @@
 """`spikelane lap` interrupted, killed, and with a node that crashes: no process is left."""
 
 from collections.abc import Callable, Iterator
+import functools
 import os
 from pathlib import Path
 import re
@@ -12,6 +13,8 @@ import uuid
 
 import pytest
 from rosbags.highlevel import AnyReader
+
+from spikelane.processes import end_with
 
 pytestmark = pytest.mark.ros
 
@@ -36,7 +39,7 @@ class Command:
                 env=os.environ | {name: value},
                 start_new_session=True,
                 # Where the tests run in the background, SIGINT may be ignored.
-                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+                preexec_fn=functools.partial(end_with, os.getpid()),
             )
 
     @property

@@ -1,5 +1,6 @@
 """`spikelane train` over ROS: the training in-process, bit for bit, however it is stopped."""
 
+import functools
 import json
 import os
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from spikelane.processes import end_with
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_sim.errors import CheckpointError
 
@@ -39,7 +41,7 @@ def start(folder: Path, transport: str, *options: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=functools.partial(end_with, os.getpid()),
     )
 
 

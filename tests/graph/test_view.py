@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import csv
+import functools
 import io
 import os
 from pathlib import Path
@@ -18,6 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image
 import pytest
+
+from spikelane.processes import end_with
 
 pytestmark = pytest.mark.ros
 
@@ -68,7 +71,7 @@ def viewing(folder: Path, *what: str) -> Iterator[View]:
             stdout=subprocess.DEVNULL,
             stderr=output,
             start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            preexec_fn=functools.partial(end_with, os.getpid()),
         )
     try:
         deadline_s = time.monotonic() + DEADLINE_S

@@ -1,6 +1,7 @@
 """What the tests of nodes share: a ROS domain of their own, and real node processes in it."""
 
 from collections.abc import Callable, Generator, Iterator, Mapping
+import functools
 import os
 from pathlib import Path
 import signal
@@ -17,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from spikelane.executables import find_executable
+from spikelane.processes import end_with
 
 DEADLINE_S = 60.0
 TURN_S = 0.05
@@ -35,7 +37,7 @@ class NodeProcess:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+                preexec_fn=functools.partial(end_with, os.getpid()),
             )
 
     @property

@@ -329,3 +329,14 @@ def test_replay_of_a_cut_bag_names_the_command(tmp_path: Path) -> None:
     (tmp_path / 'bag.mcap').write_bytes(content[:-500])
     notes = RecordedDrive(tmp_path / 'bag.mcap').notes
     assert '`spikelane repair` makes such a bag whole for other programs' in notes
+
+
+def test_a_damaged_repetition_of_a_channel_costs_no_message(tmp_path: Path) -> None:
+    """Its QoS in the summary is not that in the chunk; rosbags leaves out a topic of two minds."""
+    bag = Path(shutil.copytree(DATA / 'bag_none', tmp_path / 'bag'))
+    (file,) = bag.glob('*.mcap')
+    before, damaged, after = file.read_bytes().rpartition(b'durability: volatile')
+    file.write_bytes(before + damaged.replace(b'volatile', b'volatife') + after)
+    assert repair_bag(bag).message_count == 197
+    with Reader(bag) as reader:
+        assert sum(1 for _ in reader.messages()) == 197

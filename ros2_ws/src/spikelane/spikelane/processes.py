@@ -82,7 +82,7 @@ class Processes:
                     stderr=subprocess.STDOUT,
                     env=dict(environment),
                     start_new_session=True,
-                    preexec_fn=lambda: _die_with(parent),
+                    preexec_fn=lambda: end_with(parent),
                 )
         except OSError as error:
             raise ProcessError(f'{name}: cannot be started: {error}') from None
@@ -144,8 +144,14 @@ class Processes:
             raise ProcessError(f'{name} ended with status {status}: {last}')
 
 
-def _die_with(parent: int) -> None:
-    """In the new child: end when the parent does, even where it is killed."""
+def end_with(parent: int) -> None:
+    """End this process when its parent ends, even where that is killed.
+
+    A new child calls it before it runs its program. SIGINT and SIGTERM get their default actions.
+
+    Args:
+        parent: Process id of the parent.
+    """
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})

@@ -8,7 +8,7 @@ repaired, and the next repair does the rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 import fcntl
 import os
@@ -26,6 +26,7 @@ from spikelane.bag.metadata import (
     FileRecord,
     parse_metadata,
     parse_qos,
+    qos_text,
     QosProfile,
     read_metadata,
     StoredMetadata,
@@ -62,6 +63,7 @@ class _Contents(NamedTuple):
 
     name: str
     channels: tuple[tuple[Channel, str], ...]  # with the names of their types
+    qos: dict[str, tuple[QosProfile, ...]]  # by topic, where a declaration of it can be read
     counts: dict[int, int]  # messages by channel
     start_ns: int | None
     end_ns: int
@@ -126,31 +128,38 @@ def _repair(
     if not bad and (is_whole or not has_metadata):
         return Repair(path, count, (), tuple(notes))
     target = path if out is None else out
-    text = _metadata(contents, metadata).to_file_text() if has_metadata else ''
-    _write(path, out, files, bad, text)
+    _write(path, out, files, bad, _metadata(contents, metadata))
     written = [file.name for file in bad] + ([FILE_NAME] if has_metadata else [])
     return Repair(target, count, tuple(written), tuple(notes))
 
 
 def _write(
-    path: Path, out: Path | None, files: Sequence[Path], bad: Sequence[Path], metadata: str
+    path: Path, out: Path | None, files: Sequence[Path], bad: Sequence[Path], metadata: BagMetadata
 ) -> None:
     """Write bad files and metadata.yaml anew, into a copy of the bag or in place."""
     folder = out or (path if path.is_dir() else path.parent)
+    topics = {topic.name: topic for topic in metadata.topics}
     with _workshop(folder, is_new=out is not None) as workshop:
-        for file in bad:
-            _write_anew(file, workshop / file.name)
+        for file in files:
+            if file in bad:
+                _write_anew(file, workshop / file.name, topics)
+            elif out is not None:
+                shutil.copyfile(file, workshop / file.name)
+            else:
+                (workshop / file.name).symlink_to(file.absolute())
+        write_text_atomically(workshop / FILE_NAME, metadata.to_file_text())
+        count = sum(file.message_count for file in metadata.files)
+        if not is_described(workshop, files, count):
+            raise BagError(
+                f'{path}: what can be read of it does not make a bag that others read whole'
+            )
         if out is not None:
-            for file in files:
-                if file not in bad:
-                    shutil.copyfile(file, workshop / file.name)
-            write_text_atomically(workshop / FILE_NAME, metadata)
             workshop.rename(out)
             return
         for file in bad:
             os.replace(workshop / file.name, file)
-        if metadata:
-            write_text_atomically(path / FILE_NAME, metadata)
+        if path.is_dir():
+            os.replace(workshop / FILE_NAME, path / FILE_NAME)
 
 
 def _find(path: Path) -> tuple[list[Path], StoredMetadata | None, list[str]]:
@@ -211,7 +220,16 @@ def _scan(file: Path) -> _Contents:
         head = stream.read(len(MAGIC))
     if len(head) == len(MAGIC) and head != MAGIC:  # less is what a kill can leave
         raise BagError(f'{file}: expected an MCAP file, got one that begins with {head!r}')
-    scan = McapScan(file)
+    qos: dict[str, tuple[QosProfile, ...]] = {}
+
+    def on_declared(channel: Channel, schema: Schema | None) -> bool:
+        # A channel is declared in each chunk and in the summary, and one of them may be damaged.
+        del schema
+        if found := _qos(channel):
+            qos.setdefault(channel.topic, found)
+        return True
+
+    scan = McapScan(file, is_wanted=on_declared)
     counts: dict[int, int] = {}
     start_ns, end_ns = None, 0
     for message in scan.messages():
@@ -228,7 +246,15 @@ def _scan(file: Path) -> _Contents:
     )
     said = scan.metadata.get('rosbag2', {}).get('serialized_metadata', '')
     return _Contents(
-        file.name, channels, counts, start_ns, end_ns, said, tuple(scan.damage), scan.attachments
+        file.name,
+        channels,
+        qos,
+        counts,
+        start_ns,
+        end_ns,
+        said,
+        tuple(scan.damage),
+        scan.attachments,
     )
 
 
@@ -243,8 +269,14 @@ def _is_sound(file: Path, contents: _Contents, *, is_readable: bool) -> bool:
     return is_readable or readable_count(file) == contents.record.message_count
 
 
-def _write_anew(file: Path, target: Path) -> None:
+def _write_anew(file: Path, target: Path, topics: Mapping[str, TopicRecord]) -> None:
     """Write a file with all messages of another one that can be read.
+
+    Args:
+        file: The file that is damaged or was never finished.
+        target: The new file.
+        topics: What metadata.yaml says of each topic. Readers leave a topic out where its channel
+            says something else.
 
     Raises:
         BagError: The new file cannot be read whole.
@@ -260,11 +292,7 @@ def _write_anew(file: Path, target: Path) -> None:
             if key not in ids:
                 schema = scan.schemas.get(channel.schema_id) or Schema(0, b'', '', '')
                 text = schema.data.decode(errors='replace')
-                facts = dict(channel.metadata)
-                if facts.get(_QOS, '[]') != '[]' and not _qos(
-                    channel
-                ):  # readers compare it with metadata.yaml
-                    facts[_QOS] = ''
+                facts = _facts(channel, topics.get(channel.topic))
                 ids[key] = new.add_channel(
                     channel.topic, schema.name, schema.encoding, text, facts
                 )
@@ -283,8 +311,20 @@ def _write_anew(file: Path, target: Path) -> None:
         raise BagError(f'{file}: what can be read of it does not make a file that others read')
 
 
+def _facts(channel: Channel, topic: TopicRecord | None) -> dict[str, str]:
+    """Return a channel's metadata, agreeing with what metadata.yaml says of its topic."""
+    if topic is None:  # a declaration that a later one has replaced
+        return dict(channel.metadata)
+    known = {_QOS: qos_text(topic.qos), 'topic_type_hash': topic.type_hash}
+    return {key: known.get(key, value) for key, value in channel.metadata.items()}
+
+
 def _metadata(contents: Sequence[_Contents], said: StoredMetadata | None) -> BagMetadata:
     """Return what metadata.yaml is to say."""
+
+    def qos(topic: str) -> tuple[QosProfile, ...]:
+        return next((each.qos[topic] for each in contents if topic in each.qos), ())
+
     topics: dict[str, TopicRecord] = {}
     for each in contents:
         for channel, type_name in each.channels:
@@ -292,7 +332,7 @@ def _metadata(contents: Sequence[_Contents], said: StoredMetadata | None) -> Bag
             topic = topics.get(channel.topic)
             if topic is None:
                 type_hash = channel.metadata.get('topic_type_hash', '')
-                topic = TopicRecord(channel.topic, type_name, type_hash, _qos(channel), 0)
+                topic = TopicRecord(channel.topic, type_name, type_hash, qos(channel.topic), 0)
             topics[channel.topic] = topic._replace(message_count=topic.message_count + count)
     for each in contents:
         with contextlib.suppress(BagError):
