@@ -13,7 +13,7 @@ import dataclasses
 import math
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -133,6 +133,15 @@ class Course:
     lanes: Mapping[str, Lane]
     markings: tuple[Marking, ...]
     ground: Ground
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Course:
+        """Return itself, as nothing in it changes."""
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what pickle needs, which takes no read-only mapping."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return _course_of, (values | {'lanes': dict(self.lanes)},)
 
     def lane(self, name: str) -> Lane:
         """Return a lane by name.
@@ -339,3 +348,8 @@ def _start_pose(record: CourseRecord, lane: LaneRecord, centre: Curve) -> Pose:
         got = f'one {abs(distance):.3f} m from its centre, turned {math.degrees(error):.0f} deg'
         refuse(record, thing, 'a pose on the lane, facing along it', got)
     return Pose(x, y, curves.wrap_angle(heading))
+
+
+def _course_of(values: dict[str, Any]) -> Course:
+    """Return the course that was pickled."""
+    return Course(**values | {'lanes': MappingProxyType(values['lanes'])})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,10 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
     `task.max_actions` actions. Laps do not end it. It can also be truncated where the robot
     makes no progress: `simulator={'episode.no_progress_steps': 600}`. `info['lane_state'].reason`
     says why the simulator ended an episode.
+
+    ## Copies
+    `copy.deepcopy` and `pickle` give an environment with the same future, bit for bit. With the
+    pybullet robot this takes as long as its physics took since the last reset.
     """
 
     metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 2}  # noqa: RUF012
@@ -116,11 +121,18 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         self.action_space = self._make_action_space()
         self._last: Observation | None = None
         self._actions_taken = 0
+        self._is_closed = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.generic], dict[str, Any]]:
-        """Begin an episode; see the class."""
+        """Begin an episode; see the class.
+
+        Raises:
+            SpikelaneError: There is no such option or lane, or the environment is closed.
+        """
+        self._check_open('reset')
+        _check_options(options or {})
         super().reset(seed=seed)
         if seed is None and self._last is None:
             seed = int(self.np_random.integers(2**31))
@@ -134,8 +146,9 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         """Hold an action for some steps of 50 ms; see the class.
 
         Raises:
-            SpikelaneError: Not an action, or the episode is over.
+            SpikelaneError: Not an action, the episode is over, or the environment is closed.
         """
+        self._check_open('step')
         wheels = self._wheels(action)
         for _ in range(self._task.steps_per_action):
             self._last = self._simulator.step(wheels)
@@ -169,8 +182,13 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         return image
 
     def close(self) -> None:
-        """Release the physics engine."""
+        """Release the physics engine; a second call does nothing."""
+        self._is_closed = True
         self._simulator.close()
+
+    def _check_open(self, call: str) -> None:
+        if self._is_closed:
+            raise SpikelaneError(f'environment: expected no call after close, got {call}')
 
     def _wheels(self, action: Any) -> WheelVelocities:
         if not self._is_discrete:
@@ -209,6 +227,14 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 def _lane(observation: Observation) -> LaneState:
     assert observation.lane is not None  # the simulator always knows it
     return observation.lane
+
+
+def _check_options(options: Mapping[str, Any]) -> None:
+    for name, value in options.items():
+        if name != 'lane':
+            raise SpikelaneError(f'options: expected lane alone, got {name!r:.80}')
+        if value is not None and not isinstance(value, str):
+            raise SpikelaneError(f"options: lane: expected a lane's name, got {value!r:.80}")
 
 
 def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -10,31 +10,37 @@ import pytest
 
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan
-from spikelane.figures.robustness import draw_robustness, NONE, robustness_curves
+from spikelane.figures.robustness import draw_robustness, robustness_curves
 from spikelane.main import run
 from spikelane.statistics import mean_statistics, share_statistics
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.simulator import SimulatorParameters
 
 ROOT = Path(__file__).parents[2]
 
 
-def group(condition: str, errors: list[float], laps: int = 4, **place: str) -> dict[str, Any]:
+def group(errors: list[float], laps: int = 4, **simulator: Any) -> dict[str, Any]:
     """Return a group of an experiment's results: laps, some with the errors of completed ones."""
     measured = {
         'completed': share_statistics(len(errors), laps),
         'mean_abs_distance_m': mean_statistics(errors),
     }
-    return {'controller': 'rstdp', 'conditions': condition, 'laps': {'all': measured}, **place}
+    parameters = SimulatorParameters.from_mapping(_dotted(simulator)).to_dict()
+    return {'controller': 'rstdp', 'simulator': parameters, 'laps': {'all': measured}}
+
+
+def _dotted(values: dict[str, Any]) -> dict[str, Any]:
+    return {name.replace('__', '.'): value for name, value in values.items()}
 
 
 def test_curves_are_the_laps_by_rising_difficulty() -> None:
-    """Driving under none begins the curves there are; other names are left out."""
+    """Where driving differs in one parameter alone; groups without laps are left out."""
     groups = [
-        group('loss-0.5', []),
-        group('loss-0.1', [0.01, 0.03, 0.02]),
-        group(NONE, [0.01, 0.01, 0.01, 0.01]),
-        group('rainy', [0.5]),
-        {'controller': 'rstdp', 'conditions': 'loss-0.2', 'metrics': {}},
+        group([], link__event_loss=0.5),
+        group([0.01, 0.03, 0.02], link__event_loss=0.1),
+        group([0.01, 0.01, 0.01, 0.01]),
+        group([0.5], camera__fov_deg=90.0),
+        {'controller': 'rstdp', 'simulator': {}, 'metrics': {}},
     ]
     curves = robustness_curves({'groups': groups})
     assert list(curves) == ['loss']
@@ -48,14 +54,48 @@ def test_curves_are_the_laps_by_rising_difficulty() -> None:
     ]
 
 
+def test_a_condition_is_drawn_at_the_value_it_sets_whatever_its_name() -> None:
+    """A condition named latency-100 that sets 300 ms is a point at 300 ms."""
+    named = {**group([0.02], link__latency_ms=300), 'conditions': 'latency-100'}
+    curves = robustness_curves({'groups': [group([0.01]), named]})
+    assert [each.value for each in curves['latency']['rstdp']] == [0.0, 300.0]
+
+
+def test_noise_and_threshold_are_those_of_the_pixel_model() -> None:
+    """Of esim, shot noise, and both thresholds where they are equal."""
+    esim = {'pixels__model': 'esim'}
+    both = {'pixels__esim__threshold_on': 0.4, 'pixels__esim__threshold_off': 0.4}
+    groups = [
+        group([0.1], **esim),
+        group([0.1], **esim, pixels__esim__shot_rate_hz=5.0),
+        group([0.1], **esim, **both),
+        group([0.1], **esim, pixels__coppelia__threshold=0.7),
+    ]
+    curves = robustness_curves({'groups': groups[:3]})
+    values = {name: [each.value for each in curve['rstdp']] for name, curve in curves.items()}
+    assert values == {'noise': [0.0, 5.0], 'threshold': [0.2, 0.4]}
+
+
 @pytest.mark.parametrize(
     ('groups', 'error'),
     [
-        ([], 'conditions: expected some of noise-<value>, .*, got none'),
-        ([group(NONE, [0.1])], 'expected some of'),
+        ([], 'conditions: expected some that differ in noise, threshold, .*, got none'),
+        ([group([0.1])], 'expected some that differ'),
         (
-            [group('noise-1', [0.1], scenario='1'), group('noise-1', [0.1], scenario='2')],
+            [group([0.1]), group([0.1]), group([0.2], pixels__coppelia__noise_rate_hz=1.0)],
             'expected each noise once for rstdp',
+        ),
+        (
+            [
+                group([0.1], course=course, link__event_loss=loss)
+                for course in ('scenario_1', 'scenario_2')
+                for loss in (0.0, 0.5)
+            ],
+            'expected each loss once for rstdp',
+        ),
+        (
+            [{'controller': 'rstdp', 'laps': {}, 'conditions': 'noise-1'}],
+            "expected results with the simulator's parameters",
         ),
     ],
 )
@@ -67,7 +107,11 @@ def test_results_without_clear_curves_are_refused(groups: list[Any], error: str)
 
 def test_the_figure_of_robustness_is_the_same_each_time(tmp_path: Path) -> None:
     """Its axes name what is on them."""
-    groups = [group(NONE, [0.01, 0.02]), group('noise-1', [0.02]), group('latency-200', [])]
+    groups = [
+        group([0.01, 0.02]),
+        group([0.02], pixels__coppelia__noise_rate_hz=1.0),
+        group([], link__latency_ms=200),
+    ]
     [file] = draw_robustness({'groups': groups}, tmp_path / 'a.svg', 'Robustness')
     assert (
         file.read_bytes()
@@ -81,7 +125,12 @@ def test_the_experiment_on_robustness_has_what_the_figure_wants() -> None:
     plan = make_plan(read_experiment(ROOT / 'experiments/robustness.yaml'))
     names = {each.labels['conditions'] for each in plan.runs}
     assert len(plan.runs) == 4 * len(names)
-    curves = robustness_curves({'groups': [group(name, [0.1]) for name in names]})
+    simulators = {
+        each.labels['conditions']: each.identity['configuration']['simulator']
+        for each in plan.runs
+    }
+    groups = [{**group([0.1]), 'simulator': each} for each in simulators.values()]
+    curves = robustness_curves({'groups': groups})
     values = {name: [each.value for each in curve['rstdp']] for name, curve in curves.items()}
     assert values == {
         'noise': [0, 0.01, 0.03, 0.1, 0.3],

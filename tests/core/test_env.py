@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import copy
 import os
+import pickle
 import subprocess
 import sys
 from typing import Any
@@ -291,3 +293,86 @@ def test_a_sensor_that_the_cells_do_not_fill_is_refused() -> None:
     """Rather than leaving its edge out."""
     with pytest.raises(ParameterError, match='cell: expected cells that fill'):
         make_env(simulator={'camera.width': 130})
+
+
+@pytest.mark.parametrize('robot', ['pybullet', 'kinematic'])
+@pytest.mark.parametrize(
+    'more',
+    [
+        {'pixels.coppelia.noise_rate_hz': 1.0, 'link.latency_ms': 100, 'link.event_loss': 0.1},
+        {'pixels.model': 'esim', 'pixels.esim.shot_rate_hz': 5.0, 'pixels.esim.latency_s': 0.06},
+    ],
+)
+def test_a_copy_has_the_same_future_bit_for_bit(robot: str, more: dict[str, Any]) -> None:
+    """Copied and pickled in the middle of an episode, with noise, losses and latencies."""
+    env = LaneKeepingEnv(actions='wheels', simulator={'robot.model': robot} | more)
+    drawn = np.random.default_rng(5)
+    wheels = drawn.uniform(0.5, 2.0, (12, 2)).astype(np.float32)
+    env.reset(seed=3)
+    for each in wheels[:4]:
+        env.step(each)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]  # noqa: S301
+    futures = [_future(each, wheels[4:]) for each in (env, *copies)]
+    assert futures[0] == futures[1] == futures[2]
+    for each in (env, *copies):
+        each.close()
+
+
+def _future(env: LaneKeepingEnv, wheels: np.ndarray) -> list[bytes]:
+    """Return all bits of the next steps, and of an episode after them."""
+    found = []
+    for each in wheels:
+        observation, reward, lost, _, info = env.step(each)
+        found.append(pickle.dumps((observation.tobytes(), reward, lost, info)))
+        found.append(env.render().tobytes())
+        if lost:
+            break
+    observation, info = env.reset()
+    found.append(pickle.dumps((observation.tobytes(), info, env.np_random.random())))
+    found.append(pickle.dumps(env.step(wheels[0])[4]))
+    return found
+
+
+def test_a_copy_does_not_disturb_what_it_was_made_from() -> None:
+    """Each has a physics engine of its own."""
+    env = LaneKeepingEnv()
+    env.reset(seed=1)
+    env.step(1)
+    other = copy.deepcopy(env)
+    other.step(0)
+    other.close()
+    again = LaneKeepingEnv()
+    again.reset(seed=1)
+    again.step(1)
+    assert env.step(2)[4]['lane_state'] == again.step(2)[4]['lane_state']
+    env.close()
+    again.close()
+
+
+@pytest.mark.parametrize('robot', ['pybullet', 'kinematic'])
+def test_a_closed_environment_says_so(robot: str) -> None:
+    """A step, a reset, also of a copy; closing twice is fine."""
+    env = LaneKeepingEnv(simulator={'robot.model': robot})
+    env.reset(seed=1)
+    env.close()
+    env.close()
+    for each in (env, copy.deepcopy(env)):
+        with pytest.raises(SpikelaneError, match='expected no call after close, got step'):
+            each.step(1)
+        with pytest.raises(SpikelaneError, match='expected no call after close, got reset'):
+            each.reset(seed=1)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'lanes': 'inner'}, "options: expected lane alone, got 'lanes'"),
+        ({'lane': 3}, "options: lane: expected a lane's name, got 3"),
+        ({'lane': 'middle'}, "lane: expected outer or inner, got 'middle'"),
+    ],
+)
+def test_options_that_there_are_not_are_refused(options: dict[str, Any], message: str) -> None:
+    """In one line."""
+    env = LaneKeepingEnv(simulator={'robot.model': 'kinematic'})
+    with pytest.raises(SpikelaneError, match=message):
+        env.reset(seed=1, options=options)

@@ -125,7 +125,7 @@ def test_a_crash_is_noticed_with_the_last_lines(tmp_path: Path) -> None:
         with pytest.raises(ProcessError) as error:
             children.check()
     assert str(error.value) == (
-        'node ended with status 1: line 5 | line 6 | line 7 | line 8 | fell over'
+        'node ended with status 1: fell over (log: line 5 | line 6 | line 7 | line 8)'
     )
     assert error.value.exit_status == 1
 

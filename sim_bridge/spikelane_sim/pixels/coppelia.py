@@ -77,7 +77,6 @@ class CoppeliaPixels:
         self.has_seen: bool | None = None
         self._rng: np.random.Generator | None = None
         self._fired = np.empty(width * height, EVENT_DTYPE)
-        self._fired_bytes = self._fired.view(np.uint8)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the image; only noise is drawn from rng."""
@@ -107,7 +106,9 @@ class CoppeliaPixels:
             self._fired,
         )
         # NumPy copies packed records field by field; their bytes it copies at once.
-        events = self._fired_bytes[: number * EVENT_DTYPE.itemsize].copy().view(EVENT_DTYPE)
+        events = (
+            self._fired.view(np.uint8)[: number * EVENT_DTYPE.itemsize].copy().view(EVENT_DTYPE)
+        )
         if not self.parameters.noise_rate_hz:
             return events
         return self._with_noise(events, intensity, start_ns, end_ns)

@@ -31,10 +31,11 @@ many steps to 0.02 %. The body tilts by less than 0.0002 degrees, so the camera 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Mapping, Sequence
 import functools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 import weakref
 
 import numpy as np
@@ -59,8 +60,20 @@ _WHEELS = (_LEFT, _RIGHT)
 _LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
+class _Past(NamedTuple):
+    """Everything that the state of the physics depends on."""
+
+    pose: tuple[float, float, float]  # of the last reset: x, y [m], heading [rad]
+    commands: array[float]  # wheel velocities of all steps since, left and right in turn [rad/s]
+
+
 class Pioneer:
-    """A Pioneer P3-DX on a level floor (`contract.Robot`)."""
+    """A Pioneer P3-DX on a level floor (`contract.Robot`).
+
+    It can be copied and pickled. Bullet does not tell all of its state (contacts, impulses to
+    begin the solver with), so that a copy is placed where the robot was reset last and driven
+    with the same commands, which leads to the same bits.
+    """
 
     def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
         """Make the robot, at the origin.
@@ -83,6 +96,7 @@ class Pioneer:
 
         The whole world is made anew, so that nothing of the past reaches the next run's bits.
         """
+        self._past = _Past((x_m, y_m, heading_rad), array('d'))
         engine = self._engine
         engine.resetSimulation()
         engine.setGravity(0.0, 0.0, -_GRAVITY_M_S2)
@@ -100,6 +114,7 @@ class Pioneer:
 
     def step(self, wheels: WheelVelocities) -> NDArray[np.float64]:
         """Drive for one step; see `contract.Robot`."""
+        self._past.commands.extend(wheels)
         self._drive(wheels)
         poses = np.empty((self._poses_per_step, 7))
         for row in range(self._poses_per_step):
@@ -132,6 +147,25 @@ class Pioneer:
     def close(self) -> None:
         """Release the physics engine; a second call does nothing."""
         self._engine.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what the robot is made from, and its past."""
+        return {
+            'parameters': self._parameters,
+            'poses_per_step': self._poses_per_step,
+            'past': self._past,
+            'is_closed': self._engine.is_closed,
+        }
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Become a robot with the same future, in an engine of its own."""
+        self.__init__(state['parameters'], state['poses_per_step'])  # type: ignore[misc]
+        past = state['past']
+        self.reset(*past.pose)
+        for left, right in zip(past.commands[::2], past.commands[1::2], strict=True):
+            self.step(WheelVelocities(left, right))
+        if state['is_closed']:
+            self.close()
 
     def _lay_floor(self) -> None:
         # At height 0: there the robot stands without a drop, its wheels 0.01 mm deep in the
@@ -212,6 +246,11 @@ class _Engine:
         function = functools.partial(getattr(pybullet, name), physicsClientId=self._id)
         setattr(self, name, function)
         return function
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it has been disconnected."""
+        return not self._release.alive
 
     def close(self) -> None:
         """Disconnect; what is called afterwards raises pybullet.error."""

@@ -68,7 +68,10 @@ class _Parser(argparse.ArgumentParser):
     """Says in one line what was wrong; the usage is for those who ask for help."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f'{self.prog}: {message}\n')
+        # Here and not above: signals must be noted before anything is imported that takes long.
+        from spikelane_sim.errors import one_line
+
+        self.exit(2, f'{self.prog}: {one_line(message)}\n')
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

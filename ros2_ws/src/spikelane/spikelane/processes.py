@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import time
@@ -23,6 +24,7 @@ from spikelane_sim.errors import SpikelaneError
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _LAST_LINES = 5
+_CAUSE = re.compile(r'\[(FATAL|ERROR)\]|^(\w+\.)*\w*(Error|Exception)\b')
 _WAIT_S = 0.1  # between two looks whether a signal has come
 
 #: Signals to end a child with, and how long it has to obey each [s].
@@ -140,8 +142,19 @@ class Processes:
         status = self._children[name].poll()
         if status is not None:
             lines = self._logs[name].read_text(errors='replace').splitlines()
-            last = ' | '.join(lines[-_LAST_LINES:]) or 'it said nothing'
-            raise ProcessError(f'{name} ended with status {status}: {last}')
+            raise ProcessError(f'{name} ended with status {status}: {_cause_first(lines)}')
+
+
+def _cause_first(lines: Sequence[str]) -> str:
+    """Return the reason that a log ends with, and after it the lines around it."""
+    last = list(lines[-_LAST_LINES:])
+    if not last:
+        return 'it said nothing'
+    # Nodes log a reason before they end; a crash of Python's has it in the last line.
+    causes = [line for line in last if _CAUSE.search(line)]
+    cause = causes[0] if causes else last[-1]
+    last.remove(cause)
+    return f'{cause} (log: {" | ".join(last)})' if last else cause
 
 
 def end_with(parent: int) -> None:

@@ -45,7 +45,8 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
     Returns:
         name; `confidence`: how intervals are found; `runs`: of each its name, task, place in the
         matrix, state, message and folder; `groups`: of finished runs that differ in nothing but
-        the seed, those before them included: their task and place, seeds, and `metrics`:
+        the seed, those before them included: their task and place, seeds, the parameters of
+        their simulator, and `metrics`:
         statistics of each number over the seeds (`mean_statistics`), `operations` of evaluations
         likewise; `times` of trainings: those of `_TIMES`, censored where they were not reached
         (`time_statistics`); `laps` of evaluations (`summary.summarise_by_lane`), the same lap
@@ -86,6 +87,7 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
     group = {
         **_place(members[0]),
         'seeds': [status.run.point.seed for status in members],
+        'simulator': members[0].run.identity['configuration'].get('simulator', {}),
         'metrics': {
             name: mean_statistics([metrics[name] for metrics in found], None, *_bounds(name))
             for name in names

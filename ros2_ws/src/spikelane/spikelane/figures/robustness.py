@@ -1,15 +1,15 @@
 """The figure of robustness: error and laps completed against what makes driving harder.
 
-It is drawn from the results of an experiment whose conditions are named `<difficulty>-<value>`,
-with a difficulty of DIFFICULTIES, or `none`, as in `experiments/robustness.yaml`; others are left
-out. Driving under none is where the curves of difficulties that can be 0 begin.
+It is drawn from the results of an experiment. What a condition changes is read from the
+simulator's parameters that its runs had, never from its name. Runs that differ in one difficulty
+alone, and in nothing else, are a curve.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+import json
 from pathlib import Path
-import re
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from spikelane.figures import style
@@ -27,12 +27,20 @@ DIFFICULTIES = {
     'loss': 'share of events lost',
 }
 
-#: Those that are 0 in the condition NONE.
-_FROM_NONE = ('noise', 'latency', 'loss')
+#: The simulator's parameters that a difficulty is, by pixel model; of several all have one value.
+_PARAMETERS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    'noise': {
+        'coppelia': ('pixels.coppelia.noise_rate_hz',),
+        'esim': ('pixels.esim.shot_rate_hz',),
+    },
+    'threshold': {
+        'coppelia': ('pixels.coppelia.threshold',),
+        'esim': ('pixels.esim.threshold_on', 'pixels.esim.threshold_off'),
+    },
+    'latency': dict.fromkeys(('coppelia', 'esim'), ('link.latency_ms',)),
+    'loss': dict.fromkeys(('coppelia', 'esim'), ('link.event_loss',)),
+}
 
-NONE = 'none'
-
-_CONDITION = re.compile(rf'({"|".join(DIFFICULTIES)})-(\d+(?:\.\d+)?)')
 _SIZE_IN = (10.6, 5.4)
 _LEFT, _RIGHT, _GAP = 0.075, 0.99, 0.02
 _ROWS = ((0.56, 0.34), (0.17, 0.34))  # bottom and height: of the error, of the laps
@@ -61,42 +69,55 @@ def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[Me
         Of each difficulty that occurs and each controller what was measured, by rising value.
 
     Raises:
-        SpikelaneError: No condition has such a name, or a controller was measured twice there.
+        SpikelaneError: No two runs differ in a difficulty alone, the results are of a version
+            that did not write the simulator's parameters, or a controller was measured twice.
     """
     curves: dict[str, dict[str, list[Measured]]] = {}
-    for group in results.get('groups', ()):
-        if 'laps' not in group:
-            continue
-        laps, controller = group['laps']['all'], group['controller']
-        for difficulty, value in _difficulties(str(group.get('conditions', ''))):
-            measured = Measured(value, laps['completed'], laps['mean_abs_distance_m'])
-            curves.setdefault(difficulty, {}).setdefault(controller, []).append(measured)
-    # What was driven under none alone is no curve.
-    curves = {
-        difficulty: by_controller
-        for difficulty, by_controller in curves.items()
-        if any(measured.value for curve in by_controller.values() for measured in curve)
-    }
-    if not curves:
-        names = ', '.join(f'{name}-<value>' for name in DIFFICULTIES)
-        raise SpikelaneError(f'conditions: expected some of {names}, got none')
-    for difficulty, by_controller in curves.items():
-        for controller, curve in by_controller.items():
-            curve.sort(key=lambda measured: measured.value)
+    groups = [group for group in results.get('groups', ()) if 'laps' in group]
+    if any('simulator' not in group for group in groups):
+        raise SpikelaneError(
+            f"{results.get('name', 'results')}: expected results with the simulator's parameters "
+            'of each group, got those of an older version: go on with the experiment'
+        )
+    for difficulty in DIFFICULTIES:
+        for (controller, _), curve in _curves(difficulty, groups).items():
+            if len({measured.value for measured in curve}) < 2:
+                continue
+            if controller in curves.setdefault(difficulty, {}):
+                raise _several(difficulty, controller)
+            curves[difficulty][controller] = sorted(curve, key=lambda measured: measured.value)
             if len({measured.value for measured in curve}) < len(curve):
-                raise SpikelaneError(
-                    f'conditions: expected each {difficulty} once for {controller}, '
-                    'got several scenarios, courses or variants'
-                )
-    return {name: curves[name] for name in DIFFICULTIES if name in curves}
+                raise _several(difficulty, controller)
+    curves = {name: found for name, found in curves.items() if found}
+    if not curves:
+        names = ', '.join(DIFFICULTIES)
+        raise SpikelaneError(f'conditions: expected some that differ in {names} alone, got none')
+    return curves
 
 
-def _difficulties(condition: str) -> list[tuple[str, float]]:
-    """Return the difficulties that a condition is a value of."""
-    if condition == NONE:
-        return [(name, 0.0) for name in _FROM_NONE]
-    found = _CONDITION.fullmatch(condition)
-    return [(found[1], float(found[2]))] if found else []
+def _curves(
+    difficulty: str, groups: Sequence[Mapping[str, Any]]
+) -> dict[tuple[str, str], list[Measured]]:
+    """Return what was measured, by controller and all parameters but the difficulty."""
+    found: dict[tuple[str, str], list[Measured]] = {}
+    for group in groups:
+        rest = dict(group['simulator'])
+        names = _PARAMETERS[difficulty].get(rest.get('pixels.model', ''), ())
+        values = {rest.pop(name, None) for name in names}
+        if len(values) != 1 or not isinstance(value := values.pop(), (int, float)):
+            continue
+        laps = group['laps']['all']
+        measured = Measured(float(value), laps['completed'], laps['mean_abs_distance_m'])
+        key = group['controller'], json.dumps(rest, sort_keys=True)
+        found.setdefault(key, []).append(measured)
+    return found
+
+
+def _several(difficulty: str, controller: str) -> SpikelaneError:
+    return SpikelaneError(
+        f'conditions: expected each {difficulty} once for {controller}, '
+        'got several scenarios, courses or variants'
+    )
 
 
 def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> tuple[Path, ...]:
