@@ -113,6 +113,7 @@ def executables(folder: Path) -> dict[str, Executable]:
                     '`mode` realtime, `use_stamped_vel`',
                     {'mode': 'realtime', 'use_stamped_vel': True},
                 ),
+                Start('`recorder_window_steps` above 0', {'recorder_window_steps': 400}),
             ),
         )
     }
@@ -121,6 +122,7 @@ def executables(folder: Path) -> dict[str, Executable]:
         own = 'learning.LearningNode' if learns else 'controller.ControllerNode'
         module, cls = f'spikelane_controllers.nodes.{own}'.rsplit('.', 1)
         starts = [Start('', {}), Start('`use_lane_state` false', {'use_lane_state': False})]
+        starts.append(Start('`recorder_window_steps` above 0', {'recorder_window_steps': 600}))
         if learns:
             output = {'learning': True, 'output': str(folder / name)}
             starts.append(Start('`learning`', output))

@@ -19,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
+from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.registry import controller_class
@@ -32,7 +32,10 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
+from spikelane_sim.nodes.recorder_window import RecorderWindow
+from spikelane_sim.nodes.recorder_window import TOPIC as RECORDER_STATE
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.topics import LATCHED
 from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
@@ -59,6 +62,13 @@ class ControllerNodeParameters(Parameters):
     )
     history_depth: int = parameter(
         10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
+    )
+    recorder_window_steps: int = parameter(
+        0,
+        'Steps that an answer to a simulator may be ahead of what the recorder has written, well '
+        'below history_depth; 0: nothing waits for a recorder.',
+        low=0,
+        high=10**6,
     )
     wait_for_subscribers: int = parameter(
         0,
@@ -101,8 +111,7 @@ class ControllerNode(Node):
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
         self._audience = Audience()
-        self._is_answered = False
-        self._is_halted = False
+        self._is_answered = self._is_sent = self._is_halted = False
         self._lane: LaneState | None = None  # of the last observation answered
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
@@ -123,7 +132,14 @@ class ControllerNode(Node):
         self._said: dict[str, tuple[str, int]] = {}  # notes of the sensor, and when [periods]
         self._periods = 0
         self._pairs = StampPairs(self._on_observation)
-        self._observations = DirectSubscriptions(self, lambda: self._pairs.lacks_first)
+        # A camera waits for nobody.
+        is_lockstep = self._settings.use_lane_state
+        steps = self._settings.recorder_window_steps if is_lockstep else 0
+        self._sent = {self._states.topic_name: 0, self._wheels.topic_name: 0}
+        self._window = RecorderWindow(steps, lambda: self._sent)
+        self._observations = DirectSubscriptions(
+            self, lambda: self._pairs.lacks_first or self._window.is_full
+        )
         self._subscribe()
         self._begin_to_look()
         self._start()
@@ -188,6 +204,16 @@ class ControllerNode(Node):
             self._events_qos(),
             event_callbacks=callbacks,
         )
+
+        if self._window.is_used:
+            self._observations.subscribe(
+                RecorderState,
+                RECORDER_STATE,
+                self._on_recorder,
+                LATCHED,
+                is_companion=True,
+                is_wanted=lambda: self._window.wants_news,
+            )
 
     def _events_qos(self) -> QoSProfile:
         # A simulator waits for us; a camera does not, and sends many packets a step.
@@ -290,7 +316,7 @@ class ControllerNode(Node):
                     return
                 self._step(lane, step.events, step.stamp_ns)
                 self._lane = lane
-                self._is_answered = True
+                self._is_answered, self._is_sent = True, False
                 self._steps += 1
                 self._publish_answer()
 
@@ -322,9 +348,19 @@ class ControllerNode(Node):
 
     def _publish_answer(self) -> None:
         count = self._wheels.get_subscription_count()
-        if self._is_answered and count >= self._settings.wait_for_subscribers:
+        is_heard = count >= self._settings.wait_for_subscribers and not self._window.is_full
+        if self._is_answered and is_heard:
             self._audience.reach(count)
+            self._is_sent = True
+            self._window.count_step()
+            self._sent[self._wheels.topic_name] += 1
             self._wheels.publish(self._answer)
+
+    def _on_recorder(self, state: RecorderState) -> None:
+        with self._lock:
+            self._window.update(state)
+            if not self._is_sent:
+                self._publish_answer()
 
     def _publish_state(self, lane: LaneState | None) -> None:
         state = self._state
@@ -335,6 +371,7 @@ class ControllerNode(Node):
         state.learning = getattr(self._driver, 'learning', False)
         if lane is not None:
             state.episode, state.step = lane.episode, lane.step
+        self._sent[self._states.topic_name] += 1
         self._states.publish(state)
 
 

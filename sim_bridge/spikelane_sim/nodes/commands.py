@@ -32,12 +32,18 @@ class Commands:
     """Takes commands to the stepper: in lockstep `wheel_velocities` alone."""
 
     def __init__(
-        self, node: Node, robot: RobotParameters, stepper: Stepper, notice: Callable[[], None]
+        self,
+        node: Node,
+        direct: DirectSubscriptions,
+        robot: RobotParameters,
+        stepper: Stepper,
+        notice: Callable[[], None],
     ) -> None:
         """Subscribe to `wheel_velocities`; nothing is taken before `start`.
 
         Args:
             node: The node that subscribes.
+            direct: Its subscriptions on the lockstep path.
             robot: To know what a twist means for the wheels.
             stepper: Is given the commands.
             notice: Called after each answer in lockstep.
@@ -46,7 +52,7 @@ class Commands:
         self._robot = robot
         self._stepper = stepper
         self._notice = notice
-        self._direct = DirectSubscriptions(node)
+        self._direct = direct
         self._direct.subscribe(
             WheelVelocitiesMessage, WHEELS, self._on_wheels, QoSProfile(depth=10)
         )

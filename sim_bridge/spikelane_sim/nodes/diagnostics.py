@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from spikelane_sim.contract import LaneState
 from spikelane_sim.nodes.commands import Commands
+from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import CommandCounts, Simulator
@@ -24,6 +25,7 @@ class SimulatorDiagnostics:
         stepper: Stepper,
         topics: SimulatorTopics,
         commands: Commands,
+        window: RecorderWindow,
     ) -> None:
         """Create the publisher."""
         self._node = node
@@ -32,6 +34,7 @@ class SimulatorDiagnostics:
         self._topics = topics
         self._commands = commands
         self._mixed: list[str] = []  # publishers whose commands have mixed in the last second
+        self._window = window
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = (self._clock.now().nanoseconds, 0)
@@ -85,7 +88,8 @@ class SimulatorDiagnostics:
     def _is_stuck(self) -> bool:
         """Return whether an answer is waited for that was already at the last message."""
         before, self._progress = self._progress, (self._stepper.steps, self._topics.packets)
-        return self._stepper.is_waiting and self._progress == before
+        is_waiting = self._stepper.is_waiting or self._window.is_full
+        return is_waiting and self._progress == before
 
     def _values(self) -> dict[str, object]:
         counts = self._simulator.command_counts
@@ -100,6 +104,7 @@ class SimulatorDiagnostics:
             'commands_refused': self._commands.refused,
             'commands_mixed_from': ', '.join(self._mixed),
             'answered': self._stepper.is_answered,
+            'waits_for_recorder': self._window.is_full,
         }
         lane = self._simulator.lane_state
         return values | (_lane_values(lane) if lane is not None else {})

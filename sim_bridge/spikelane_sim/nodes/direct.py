@@ -78,6 +78,7 @@ class DirectSubscriptions:
         self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._companions: set[Subscription] = set()
         self._renewals: list[tuple[str, QoSProfile]] = []
+        self._is_wanted: dict[Subscription, Callable[[], bool]] = {}
         self._wake = GuardCondition(None, self._group, context=node.context)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
@@ -91,6 +92,7 @@ class DirectSubscriptions:
         qos: QoSProfile,
         *,
         is_companion: bool = False,
+        is_wanted: Callable[[], bool] | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
     ) -> Subscription:
         """Subscribe to a topic; before `start` only.
@@ -104,6 +106,7 @@ class DirectSubscriptions:
                 only with them: they are taken then, and wake nobody. A wake-up costs about as
                 much as a step of the simulator.
             event_callbacks: As of rclpy; served by the executor.
+            is_wanted: Whether its messages are of use now; they wait otherwise. None: always.
         """
         subscription = self._node.create_subscription(
             kind,
@@ -117,6 +120,8 @@ class DirectSubscriptions:
         self._subscriptions.append((subscription, handle))
         if is_companion:
             self._companions.add(subscription)
+        if is_wanted is not None:
+            self._is_wanted[subscription] = is_wanted
         return subscription
 
     def renew(self, topic: str, qos: QoSProfile) -> None:
@@ -130,6 +135,10 @@ class DirectSubscriptions:
     def start(self) -> None:
         """Begin to handle messages."""
         self._thread.start()
+
+    def wake(self) -> None:
+        """Ask again whether to wait for the companions, too; from any thread."""
+        self._wake.trigger()
 
     def stop(self) -> None:
         """Stop handling messages; returns when the handler at work has ended."""
@@ -182,6 +191,9 @@ class DirectSubscriptions:
 
     def _handle(self) -> None:
         for subscription, handle in self._subscriptions:
+            is_wanted = self._is_wanted.get(subscription)
+            if is_wanted is not None and not is_wanted():
+                continue
             while taken := subscription.handle.take_message(subscription.msg_type, False):
                 try:
                     handle(taken[0])

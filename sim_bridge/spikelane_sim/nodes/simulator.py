@@ -8,14 +8,18 @@ import sys
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from spikelane_msgs.msg import RecorderState
 
 from spikelane_sim.contract import Observation, STEP_S
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
+from spikelane_sim.nodes.direct import DirectSubscriptions
+from spikelane_sim.nodes.recorder_window import RecorderWindow
+from spikelane_sim.nodes.recorder_window import TOPIC as RECORDER_STATE
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
-from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.nodes.topics import LATCHED, SimulatorTopics
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.run_state import Publish
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -63,6 +67,13 @@ class SimulatorNodeParameters(Parameters):
     history_depth: int = parameter(
         10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
     )
+    recorder_window_steps: int = parameter(
+        0,
+        'Steps that an observation in lockstep may be ahead of what the recorder has written, '
+        'well below history_depth; 0: nothing waits for a recorder.',
+        low=0,
+        high=10**6,
+    )
     wait_for_subscribers: int = parameter(
         0,
         'Subscribers event_camera/events must have before an observation is published.',
@@ -96,16 +107,27 @@ class SimulatorNode(Node):
             self._simulator,
             Publish(
                 self._publish,
-                lambda: self._topics.event_subscribers >= settings.wait_for_subscribers,
+                self._is_heard,
                 lambda: self.count_publishers('wheel_velocities') > 0,
             ),
             seed=settings.seed,
             lane=settings.lane or None,
             hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
         )
-        self._commands = Commands(
-            self, self._simulator.parameters.robot, self._stepper, self._notice
-        )
+        window_steps = 0 if is_realtime else settings.recorder_window_steps
+        self._window = RecorderWindow(window_steps, self._topics.sent)
+        self._direct = DirectSubscriptions(self, lambda: self._window.is_full)
+        robot = self._simulator.parameters.robot
+        self._commands = Commands(self, self._direct, robot, self._stepper, self._notice)
+        if self._window.is_used:
+            self._direct.subscribe(
+                RecorderState,
+                RECORDER_STATE,
+                self._on_recorder,
+                LATCHED,
+                is_companion=True,
+                is_wanted=lambda: self._window.wants_news,
+            )
         # Steady time: this node makes /clock and must not wait for it.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if is_realtime:
@@ -113,7 +135,12 @@ class SimulatorNode(Node):
             period_s = STEP_S / settings.real_time_factor
             self.create_timer(period_s, self._stepper.tick, clock=steady)
         self._diagnostics = SimulatorDiagnostics(
-            self, self._simulator, self._stepper, self._topics, self._commands
+            self,
+            self._simulator,
+            self._stepper,
+            self._topics,
+            self._commands,
+            self._window,
         )
         self.create_timer(1.0, self._diagnostics.look_and_publish, clock=steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
@@ -153,8 +180,23 @@ class SimulatorNode(Node):
         self._simulator.close()
         super().destroy_node()
 
+    def _is_heard(self) -> bool:
+        """Return whether all are there who must hear an observation, and the recorder keeps up."""
+        if self._topics.event_subscribers < self._settings.wait_for_subscribers:
+            return False
+        if self._window.is_full:
+            self._direct.wake()  # and wait for the recorder
+            return False
+        return True
+
+    def _on_recorder(self, state: RecorderState) -> None:
+        self._window.update(state)
+        if not self._window.is_full:
+            self._stepper.audience_changed(has_grown=False)
+
     def _publish(self, observation: Observation, is_new: bool) -> None:
         self._topics.publish(observation, is_new)
+        self._window.count_step()
         self._diagnostics.notice()
 
     def _on_match(self, has_grown: bool) -> None:
@@ -176,6 +218,12 @@ class SimulatorNode(Node):
     def _warn_if_waiting(self) -> None:
         if self._stepper.steps != self._steps_at_warning:
             self._steps_at_warning = self._stepper.steps
+        elif self._window.is_full:
+            self.get_logger().warning(
+                f'waiting for the recorder: it has not written the last '
+                f'{self._window.steps_ahead} steps; '
+                f'{self.count_publishers(RECORDER_STATE)} publishers of {RECORDER_STATE} are there'
+            )
         elif self._stepper.is_unheard:
             self.get_logger().warning(
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '

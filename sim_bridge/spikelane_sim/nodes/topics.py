@@ -11,6 +11,7 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -56,6 +57,7 @@ class SimulatorTopics:
         self._simulator = simulator
         self._encoding = encoding
         self._packets = 0
+        self._sent: dict[Publisher, int] = {}
         self._audience = Audience()
         self._make_messages(simulator)
         self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
@@ -94,11 +96,15 @@ class SimulatorTopics:
         """Event packets published."""
         return self._packets
 
+    def sent(self) -> dict[str, int]:
+        """Return how many messages were published on each topic of a step."""
+        return {publisher.topic_name: count for publisher, count in self._sent.items()}
+
     def publish(self, observation: Observation, is_new: bool = True) -> None:
         """Publish an observation; `is_new` is false where it has been published before."""
         for publisher, fill in self._optional:
             if publisher.get_subscription_count():
-                publisher.publish(fill(observation))
+                self._send(publisher, fill(observation))
         self._packets += is_new
         conversions.fill_event_packet(
             self._packet,
@@ -108,7 +114,11 @@ class SimulatorTopics:
             self._encoding,
         )
         self._audience.reach(self.event_subscribers)
-        self._events.publish(self._packet)
+        self._send(self._events, self._packet)
+
+    def _send(self, publisher: Publisher, message: Any) -> None:
+        self._sent[publisher] = self._sent.get(publisher, 0) + 1
+        publisher.publish(message)
 
     def _make_messages(self, simulator: Simulator) -> None:
         camera = simulator.parameters.camera

@@ -53,6 +53,19 @@ class Recording:
         else:
             self._watched.pop(topic_id, None)
 
+    @property
+    def written_count(self) -> int:
+        """Messages written, those repeated for late readers included."""
+        return self._writer.message_count
+
+    @property
+    def last_numbers(self) -> dict[int, int]:
+        """Number of the last message of each watched topic, as its publisher counts from 1.
+
+        0 where none has arrived.
+        """
+        return {topic_id: number or 0 for topic_id, number in self._watched.items()}
+
     def write(self, arrivals: Sequence[Arrival]) -> None:
         """Write a batch.
 

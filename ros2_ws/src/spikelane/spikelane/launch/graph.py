@@ -19,14 +19,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from spikelane.executables import executables
-from spikelane.nodes.lap import TOPICS
+from spikelane.nodes.lap import RECORDED_DEPTH, recorder_windows, TOPICS
 from spikelane_controllers.registry import controller_names, controller_packages
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import ParseError, read_yaml_file
 
-#: A busy machine may keep a recorder away for a second.
-_RECORDED_DEPTH = 1000
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
 _GLOBAL_TOPICS = ('/clock', '/tf', '/tf_static')
 
@@ -122,8 +120,8 @@ def simulator(
     shipped = _shipped('spikelane_sim', f'scenario_{arguments.text("scenario")}')
     file = Path(arguments.text('simulator_file') or shipped)
     both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
-    depth = {'history_depth': _RECORDED_DEPTH} if arguments.is_true('record') else {}
-    return _node('simulator', namespace, [_in_file(file, 'simulator'), both, depth, others])
+    recorded = _recorded(arguments, 'simulator')
+    return _node('simulator', namespace, [_in_file(file, 'simulator'), both, recorded, others])
 
 
 def controller(
@@ -148,10 +146,17 @@ def controller(
     course = f'scenario_{arguments.text("scenario")}'
     weights = {'checkpoint': course} if course in shipped_weights(name) and not given else {}
     both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
-    depth = {'history_depth': _RECORDED_DEPTH} if arguments.is_true('record') else {}
+    recorded = _recorded(arguments, 'controller')
     # Another package need not have a file of defaults.
     file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
-    return _node(name, namespace, [file, weights, both, depth, others])
+    return _node(name, namespace, [file, weights, both, recorded, others])
+
+
+def _recorded(arguments: Arguments, node: str) -> dict[str, int]:
+    """Return the parameters with which the simulator or a controller waits for the recorder."""
+    if not arguments.is_true('record'):
+        return {}
+    return {'history_depth': RECORDED_DEPTH, **recorder_windows(True)[node]}
 
 
 def recorder(

@@ -26,6 +26,8 @@ from spikelane_sim.nodes.network import network_variables, RANGE
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
 STALL_DEADLINE_S = 60.0
+#: A recorder that is merely slow, on a busy disk say, is waited for much longer.
+RECORDER_DEADLINE_S = 600.0
 
 
 @contextlib.contextmanager
@@ -161,8 +163,9 @@ class Supervisor:
                 allowed_s = STALL_DEADLINE_S if now not in ('', '0') else start_s
                 steps, changed_s = now, time.monotonic()
                 show()
-            if time.monotonic() - changed_s > allowed_s:
-                raise ProcessError(f'no step was taken for {allowed_s:g} s')
+            waits = self.values.get('waits_for_recorder') == 'True'
+            if time.monotonic() - changed_s > (RECORDER_DEADLINE_S if waits else allowed_s):
+                raise ProcessError(_stalled(RECORDER_DEADLINE_S if waits else allowed_s, waits))
 
     def spin(self, may_end: Sequence[str] = ()) -> None:
         """Handle what has come, and check that all processes run but those that may end."""
@@ -174,3 +177,8 @@ class Supervisor:
         for status in message.status:
             if status.name == 'simulator':
                 self.values = {pair.key: pair.value for pair in status.values}
+
+
+def _stalled(seconds: float, waits_for_recorder: bool) -> str:
+    reason = ': the recorder writes nothing' if waits_for_recorder else ''
+    return f'no step was taken for {seconds:g} s{reason}'

@@ -19,6 +19,8 @@ from spikelane.trajectory_bag import read_trajectory
 from spikelane_sim.errors import SpikelaneError
 
 LAST_ANSWER_S = 5.0
+#: Messages that publishers keep for a recorder; see `recorder_windows`.
+RECORDED_DEPTH = 1000
 _NEXT_EPISODE = -1  # in place of a seed: go on with the one before
 
 #: Recorded in this order; the recorder being matched to the last of a node means to all.
@@ -110,12 +112,14 @@ def node_parameters(
     """
     both = {'seed': config.seed, 'wait_for_subscribers': 1 + is_recorded}
     if is_recorded:
-        # Lockstep waits for the controller alone: a recorder that a busy machine kept away for a
-        # second must find what it has missed.
-        both['history_depth'] = 1000
+        both['history_depth'] = RECORDED_DEPTH
+    windows = recorder_windows(is_recorded)
     return {
-        'simulator': config.simulator.to_dict() | both | {'autostart': False},
-        config.controller: config.controller_parameters.to_dict() | both,
+        'simulator': config.simulator.to_dict()
+        | both
+        | windows['simulator']
+        | {'autostart': False},
+        config.controller: config.controller_parameters.to_dict() | both | windows['controller'],
         'recorder': {
             'output': str(folder.bag.absolute()),
             'topics': list(TOPICS),
@@ -126,6 +130,19 @@ def node_parameters(
                 f'parameters={json.dumps(config.controller_parameters.to_dict())}',
             ],
         },
+    }
+
+
+def recorder_windows(is_recorded: bool) -> dict[str, dict[str, int]]:
+    """Return the parameters with which simulator and controller wait for a recorder.
+
+    The simulator's window is the smaller one: it is the one that waits, and says so. Both leave
+    room in the publishers' history for what is sent again and for what is not known yet.
+    """
+    steps = {'simulator': 400, 'controller': 600}
+    return {
+        node: {'recorder_window_steps': width} if is_recorded else {}
+        for node, width in steps.items()
     }
 
 

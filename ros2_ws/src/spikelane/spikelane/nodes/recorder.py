@@ -33,6 +33,8 @@ from spikelane.bag.metadata import QosDuration, QosProfile
 from spikelane.bag.recording import NOT_RECORDED, Recording
 from spikelane.bag.schema import collect_schema
 from spikelane.bag.writer import BagWriter, CHUNK_BYTES
+from spikelane.nodes.announcer import Announcer
+from spikelane.nodes.periodic import Periodic
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
 from spikelane_sim.nodes.direct import NotForExecutors, serve_events
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
@@ -101,7 +103,11 @@ class Recorder(Node):
         super().__init__('recorder')
         self._settings = declare_parameters(self, RecorderParameters)
         self._listed = self._resolve(self._settings.topics)
+        own = self.resolve_topic_name('~/state')
         self._excluded = self._resolve(self._settings.exclude)
+        if own not in self._listed:  # to record it would be something to tell of again
+            self._excluded += (own,)
+        self._announcer = Announcer(self, own)
         # The messages are taken by `take`.
         self._group = NotForExecutors()
         self._subscriptions_taken = []  # (topic id, message type, handle)
@@ -130,10 +136,10 @@ class Recorder(Node):
         executor = SingleThreadedExecutor()
         executor.add_node(self)
         jobs = [
-            _Periodic(_DISCOVERY_PERIOD_S, self.discover),
-            _Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
-            _Periodic(_CHECK_PERIOD_S, self.check_publishers),
-            _Periodic(self._settings.flush_period_s, self._writer.flush),
+            Periodic(_DISCOVERY_PERIOD_S, self.discover),
+            Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
+            Periodic(_CHECK_PERIOD_S, self.check_publishers),
+            Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
         while not stop.is_asked_for:
             self.take()
@@ -163,6 +169,7 @@ class Recorder(Node):
                 )
         if arrivals:
             self._recording.write(arrivals)
+        self._announcer.announce(self._recording, self._recorded, has_caught_up=not arrivals)
 
     def discover(self) -> None:
         """Subscribe to wanted topics that have a publisher now, in the order they are listed.
@@ -290,21 +297,6 @@ class Recorder(Node):
     def _resolve(self, names: Iterable[str]) -> tuple[str, ...]:
         # YAML and the command line of ROS know no empty list: [''] stands for it.
         return tuple(self.resolve_topic_name(name) for name in names if name)
-
-
-class _Periodic:
-    """Something to be done about every so often."""
-
-    def __init__(self, period_s: float, action) -> None:
-        self._period_s = period_s
-        self._action = action
-        self._due_s = time.monotonic()
-
-    def run_if_due(self) -> None:
-        now_s = time.monotonic()
-        if now_s >= self._due_s:
-            self._due_s = now_s + self._period_s
-            self._action()
 
 
 def main(args: list[str] | None = None) -> int:
