@@ -5,12 +5,12 @@ Whoever is killed while writing leaves the old file or the new one, never half o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 import contextlib
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from spikelane_sim.errors import SpikelaneError
 
@@ -33,11 +33,30 @@ def write_bytes_atomically(path: Path, content: bytes, *, sync: bool = True) -> 
     Raises:
         FileError: The file cannot be written; what was there before still is.
     """
+    with written_whole(path, sync=sync) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def written_whole(path: Path, *, sync: bool = True) -> Iterator[BinaryIO]:
+    """Give a file to write to that gets its name once the block has ended without an error.
+
+    Args:
+        path: As in `write_bytes_atomically`.
+        sync: As in `write_bytes_atomically`.
+
+    Raises:
+        FileError: As in `write_bytes_atomically`.
+    """
     path = Path(path)
     beside = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write(beside, content, sync)
+        with beside.open('wb') as file:
+            yield file
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
         os.replace(beside, path)
         if sync:
             _sync_folder(path.parent)
@@ -79,14 +98,6 @@ def write_yaml(path: Path, value: Any) -> None:
     except yaml.YAMLError as error:
         raise FileError(f'{path}: cannot be written as YAML: {error}') from None
     write_text_atomically(path, text)
-
-
-def _write(path: Path, content: bytes, sync: bool) -> None:
-    with path.open('wb') as file:
-        file.write(content)
-        if sync:
-            file.flush()
-            os.fsync(file.fileno())
 
 
 def _sync_folder(path: Path) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 import math
 from pathlib import Path
 import time
+import tracemalloc
 from typing import Any
 
 from mcap.writer import Writer
@@ -12,11 +13,11 @@ import pytest
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
+from spikelane.step_messages import LaneStates, StepMessages
 from spikelane.trajectory import (
     COLUMNS,
     read_csv,
     Trajectory,
-    trajectory_from_messages,
     TrajectoryError,
     TrajectoryRecorder,
     write_csv,
@@ -215,45 +216,72 @@ def test_a_csv_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
         read_csv(tmp_path / 'trajectory.csv')
 
 
-def columns_of(rows: list[Row]) -> tuple[Any, Any, Any, Any]:
-    """Return the arguments of `trajectory_from_messages`."""
-    return (
-        [(o.stamp_ns, o.lane) for o, _, _ in rows],
-        {o.stamp_ns: robot for o, robot, _ in rows},
-        {o.stamp_ns: wheels for o, _, wheels in rows if wheels},
-        {o.stamp_ns: len(o.events) for o, _, _ in rows},
-    )
+def said_of(rows: list[Row]) -> tuple[list[tuple[int, LaneState]], dict[str, dict[int, Any]]]:
+    """Return lane states with stamps, and the values of the other messages by kind and stamp."""
+    return [(o.stamp_ns, o.lane) for o, _, _ in rows if o.lane], {
+        'pose': {o.stamp_ns: (*robot.position[:2], *robot.orientation) for o, robot, _ in rows},
+        'wheels': {o.stamp_ns: wheels for o, _, wheels in rows if wheels},
+        'events': {o.stamp_ns: (len(o.events),) for o, _, _ in rows},
+    }
+
+
+def put_together(
+    states: list[tuple[int, LaneState]], values: dict[str, dict[int, Any]]
+) -> Trajectory:
+    """Put the messages together, recorded at the time of their stamps."""
+    lane_states = LaneStates()
+    for stamp_ns, state in states:
+        lane_states.add(stamp_ns, stamp_ns, state)
+    steps = StepMessages(lane_states)
+    for kind, of in values.items():
+        for stamp_ns, value in of.items():
+            steps.add(kind, stamp_ns, stamp_ns, lambda value=value: value)
+    return steps.trajectory()
 
 
 def test_messages_are_put_together_by_stamp() -> None:
     """The trajectory is the one that a loop gathers."""
     rows = episode_rows()
-    assert trajectory_from_messages(*columns_of(rows)).equals(recorded(rows))
+    assert put_together(*said_of(rows)).equals(recorded(rows))
 
 
 def test_incomplete_steps_at_the_ends_are_cut() -> None:
     """A recorder started late and was killed: the reason is not known any more."""
-    lane_states, poses, wheels, events = columns_of(episode_rows())
-    del events[1 * STEP_NS], poses[4 * STEP_NS]
-    trajectory = trajectory_from_messages(lane_states, poses, wheels, events)
+    states, values = said_of(episode_rows())
+    del values['events'][1 * STEP_NS], values['pose'][4 * STEP_NS]
+    trajectory = put_together(states, values)
     assert trajectory.step.tolist() == [1, 2]
     assert trajectory.reason == ''
 
 
-@pytest.mark.parametrize(('column', 'what'), [(1, 'pose'), (3, 'events')])
-def test_a_message_lost_between_others_is_an_error(column: int, what: str) -> None:
+@pytest.mark.parametrize('what', ['pose', 'events'])
+def test_a_message_lost_between_others_is_an_error(what: str) -> None:
     """Metrics over a lap with holes would be of another lap."""
-    columns = columns_of(episode_rows())
-    del columns[column][3 * STEP_NS]
+    states, values = said_of(episode_rows())
+    del values[what][3 * STEP_NS]
     with pytest.raises(TrajectoryError, match=rf'{what} of step 2 \(150000000 ns\) is lost'):
-        trajectory_from_messages(*columns)
+        put_together(states, values)
 
 
 def test_messages_that_share_no_stamp_are_an_error() -> None:
     """There is no observation to keep."""
-    lane_states, _, wheels, events = columns_of(episode_rows())
+    states, values = said_of(episode_rows())
     with pytest.raises(TrajectoryError, match='of 4 lane states, got none'):
-        trajectory_from_messages(lane_states, {}, wheels, events)
+        put_together(states, values | {'pose': {}})
+
+
+def test_a_long_drive_takes_little_memory() -> None:
+    """200 bytes a step at most, half of which are the trajectory's own numbers."""
+    observation, robot, wheels = row(1, STEP_NS)
+    recorder = TrajectoryRecorder()
+    recorder.append(observation, robot, wheels)
+    tracemalloc.start()
+    for stamp_ns in range(20_000):
+        recorder.append(observation._replace(stamp_ns=stamp_ns), robot, wheels)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # The last rows are not packed yet.
+    assert kept < 20_000 * 200 + 4096 * 1000
 
 
 # --- bags -----------------------------------------------------------------------------------

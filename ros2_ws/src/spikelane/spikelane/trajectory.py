@@ -7,35 +7,31 @@ columns come from a loop in this process (`TrajectoryRecorder`) and from a bag
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 import csv
 import dataclasses
 import io
+import operator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane.column_store import ColumnStore
 from spikelane_sim.contract import LaneState, Observation, RobotState, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.files import write_text_atomically
+from spikelane_sim.files import written_whole
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _NO_COMMAND = (float('nan'), float('nan'))
+_CSV_ROWS = 10_000  # that are turned into text at a time
 
 
 class TrajectoryError(SpikelaneError):
     """A trajectory is empty, incomplete or not written as expected."""
-
-
-class Pose(NamedTuple):
-    """Pose of the robot's body (frame base_link) in the world."""
-
-    position: tuple[float, float, float]  # x, y, z [m]
-    orientation: tuple[float, float, float, float]  # quaternion x, y, z, w
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,15 +125,32 @@ _KINDS: dict[str, type] = {
 COLUMNS = tuple(_KINDS)
 
 
+#: Columns that are fields of a lane state.
+LANE_KINDS = {name: kind for name, kind in _KINDS.items() if name in LaneState._fields}
+
+_ORIENTATION = ('orientation_x', 'orientation_y', 'orientation_z', 'orientation_w')
+_ROW_KINDS: dict[str, type] = {
+    'stamp_ns': np.int64,
+    **LANE_KINDS,
+    'x_m': np.float64,
+    'y_m': np.float64,
+    **dict.fromkeys(_ORIENTATION, np.float64),
+    'left_rad_s': np.float64,
+    'right_rad_s': np.float64,
+    'events': np.int64,
+}
+
+#: Returns the values of a lane state that are columns, in the order of `LANE_KINDS`.
+lane_values: Callable[[LaneState], tuple[Any, ...]] = operator.attrgetter(*LANE_KINDS)
+
+
 class TrajectoryRecorder:
-    """Gathers a trajectory in a loop; keeps references only, the columns are made at the end."""
+    """Gathers a trajectory in a loop, some 150 bytes a step."""
 
     def __init__(self) -> None:
-        self._stamps_ns: list[int] = []
-        self._lane_states: list[LaneState] = []
-        self._robot_states: list[RobotState] = []
-        self._commands: list[tuple[float, float]] = []
-        self._events: list[int] = []
+        self._store = ColumnStore(_ROW_KINDS)
+        self._lane: LaneState | None = None  # of the last observation
+        self._episodes: set[int] = set()
 
     def append(
         self, observation: Observation, robot: RobotState, wheels: WheelVelocities | None
@@ -152,64 +165,46 @@ class TrajectoryRecorder:
         Raises:
             TrajectoryError: The observation has no lane state.
         """
-        if observation.lane is None:
+        lane = observation.lane
+        if lane is None:
             raise TrajectoryError('trajectory: expected a lane state, got an observation without')
-        self._stamps_ns.append(observation.stamp_ns)
-        self._lane_states.append(observation.lane)
-        self._robot_states.append(robot)
-        self._commands.append(_NO_COMMAND if wheels is None else wheels)
-        self._events.append(len(observation.events))
+        left, right = _NO_COMMAND if wheels is None else wheels
+        x_m, y_m, _ = robot.position
+        values = (x_m, y_m, *robot.orientation, left, right, len(observation.events))
+        self._store.append((observation.stamp_ns, *lane_values(lane), *values))
+        self._episodes.add(lane.episode)
+        self._lane = lane
 
     def trajectory(self) -> Trajectory:
         """Return what was gathered.
 
         Raises:
-            TrajectoryError: Nothing was.
+            TrajectoryError: Nothing was, or observations of several episodes.
         """
-        poses = [Pose(state.position, state.orientation) for state in self._robot_states]
-        return _from_rows(self._stamps_ns, self._lane_states, poses, self._commands, self._events)
+        if self._lane is None:
+            raise TrajectoryError('trajectory: expected at least one observation, got none')
+        if len(self._episodes) > 1:
+            raise TrajectoryError('trajectory: expected one episode, got observations of several')
+        return trajectory_from_columns(self._lane.lane, self._lane.reason, self._store.columns())
 
 
-def trajectory_from_messages(
-    lane_states: Sequence[tuple[int, LaneState]],
-    poses: Mapping[int, Pose],
-    wheels: Mapping[int, WheelVelocities],
-    events: Mapping[int, int],
+def trajectory_from_columns(
+    lane: str, reason: str, columns: Mapping[str, NDArray[Any]]
 ) -> Trajectory:
-    """Put the messages of one episode together by their stamps.
-
-    A recording that began or ended in the middle of a step loses the incomplete observations at
-    its ends; those without a command are kept.
+    """Make a trajectory of columns.
 
     Args:
-        lane_states: Stamp [ns] and lane state, in order of time.
-        poses: By stamp [ns].
-        wheels: Commands by the stamp [ns] of the observation that they answer.
-        events: Number of events by stamp [ns].
+        lane: As in `Trajectory`.
+        reason: As in `Trajectory`.
+        columns: Those of `Trajectory`, (n,) each, but the orientation as a quaternion
+            (`orientation_x` to `orientation_w`) in place of the heading.
 
     Raises:
-        TrajectoryError: No observation is complete, or one between complete ones is not.
+        TrajectoryError: There is no row.
     """
-    complete = [stamp in poses and stamp in events for stamp, _ in lane_states]
-    if True not in complete:
-        raise TrajectoryError(
-            f'trajectory: expected poses and events at the stamps of {len(lane_states)} '
-            'lane states, got none'
-        )
-    first, last = complete.index(True), len(complete) - complete[::-1].index(True)
-    if not all(complete[first:last]):
-        stamp, state = lane_states[complete.index(False, first)]
-        what = 'pose' if stamp not in poses else 'events'
-        raise TrajectoryError(f'trajectory: the {what} of step {state.step} ({stamp} ns) is lost')
-    kept = lane_states[first:last]
-    stamps = [stamp for stamp, _ in kept]
-    return _from_rows(
-        stamps,
-        [state for _, state in kept],
-        [poses[stamp] for stamp in stamps],
-        [wheels.get(stamp, _NO_COMMAND) for stamp in stamps],
-        [events[stamp] for stamp in stamps],
-    )
+    own = {name: columns[name] for name in COLUMNS if name in columns}
+    heading_rad = _headings(*(columns[name] for name in _ORIENTATION))
+    return Trajectory(lane=lane, reason=reason, heading_rad=heading_rad, **own)
 
 
 def write_csv(trajectory: Trajectory, path: Path) -> None:
@@ -220,13 +215,19 @@ def write_csv(trajectory: Trajectory, path: Path) -> None:
     Raises:
         FileError: The file cannot be written.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator='\n')
-    writer.writerow(['lane', *COLUMNS, 'reason'])
-    reasons = [''] * (len(trajectory) - 1) + [trajectory.reason]
-    columns = (column.tolist() for column in trajectory.columns().values())
-    writer.writerows(zip([trajectory.lane] * len(trajectory), *columns, reasons, strict=True))
-    write_text_atomically(path, text.getvalue())
+    columns = list(trajectory.columns().values())
+    with written_whole(path) as file:
+        text = io.TextIOWrapper(file, 'utf-8', newline='', write_through=True)
+        writer = csv.writer(text, lineterminator='\n')
+        writer.writerow(['lane', *COLUMNS, 'reason'])
+        for first in range(0, len(trajectory), _CSV_ROWS):
+            rows = zip(
+                *(each[first : first + _CSV_ROWS].tolist() for each in columns), strict=True
+            )
+            for number, row in enumerate(rows, first + 1):
+                reason = trajectory.reason if number == len(trajectory) else ''
+                writer.writerow([trajectory.lane, *row, reason])
+        text.detach()
 
 
 def read_csv(path: Path) -> Trajectory:
@@ -254,42 +255,8 @@ def read_csv(path: Path) -> Trajectory:
     return Trajectory(lane=lanes[-1], reason=reasons[-1], **arrays)
 
 
-def _from_rows(
-    stamps_ns: Sequence[int],
-    lane_states: Sequence[LaneState],
-    poses: Sequence[Pose],
-    commands: Sequence[tuple[float, float]],
-    events: Sequence[int],
-) -> Trajectory:
-    """Turn one episode's rows into columns."""
-    if not lane_states:
-        raise TrajectoryError('trajectory: expected at least one observation, got none')
-    if len({state.episode for state in lane_states}) > 1:
-        raise TrajectoryError('trajectory: expected one episode, got observations of several')
-    of_lane: dict[str, Any] = {
-        name: np.array([getattr(state, name) for state in lane_states], _KINDS[name])
-        for name in COLUMNS
-        if name in LaneState._fields
-    }
-    position = np.array([pose.position for pose in poses], np.float64)
-    wheels = np.array(commands, np.float64)
-    return Trajectory(
-        lane=lane_states[-1].lane,
-        reason=lane_states[-1].reason,
-        stamp_ns=np.array(stamps_ns, np.int64),
-        x_m=position[:, 0],
-        y_m=position[:, 1],
-        heading_rad=_headings(np.array([pose.orientation for pose in poses], np.float64)),
-        left_rad_s=wheels[:, 0],
-        right_rad_s=wheels[:, 1],
-        events=np.array(events, np.int64),
-        **of_lane,
-    )
-
-
-def _headings(quaternions: Floats) -> Floats:
+def _headings(x: Floats, y: Floats, z: Floats, w: Floats) -> Floats:
     """Return the angle of the x axis of each body in the ground plane [rad], (n,)."""
-    x, y, z, w = quaternions.T
     headings: Floats = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return headings
 

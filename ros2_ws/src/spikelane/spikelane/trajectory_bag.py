@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from spikelane.trajectory import Pose, Trajectory, trajectory_from_messages, TrajectoryError
+from spikelane.step_messages import LaneStates, StepMessages
+from spikelane.trajectory import Trajectory, TrajectoryError
 from spikelane_sim.errors import BagError, MessageError, PacketError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns, wheels_from_message
 
@@ -41,30 +43,17 @@ def read_trajectory(bag: Path, episode: int | None = None) -> Trajectory:
         BagError: The recording cannot be read, or lacks a topic, the episode, or a message
             between others.
     """
-    lane_states = _choose_episode(bag, _read(bag, [LANE_STATE]), episode)
-    logged_ns = {recorded.stamp_ns: recorded.log_ns for recorded in lane_states}
-    nearest: dict[tuple[str, int], _Recorded] = {}
-    for recorded in _read(bag, [ODOMETRY, WHEELS, EVENTS]):
-        key = recorded.topic, recorded.stamp_ns
-        at_ns = logged_ns.get(recorded.stamp_ns)
-        if at_ns is None:
-            continue
-        if key not in nearest or abs(recorded.log_ns - at_ns) < abs(nearest[key].log_ns - at_ns):
-            nearest[key] = recorded
     try:
-        return trajectory_from_messages(
-            [
-                (recorded.stamp_ns, lane_state_from_message(recorded.message))
-                for recorded in lane_states
-            ],
-            {s: _pose(r.message) for (topic, s), r in nearest.items() if topic == ODOMETRY},
-            {
-                s: wheels_from_message(r.message)
-                for (topic, s), r in nearest.items()
-                if topic == WHEELS
-            },
-            {s: _count_events(r.message) for (topic, s), r in nearest.items() if topic == EVENTS},
-        )
+        steps = StepMessages(_choose_episode(bag, _read(bag, [LANE_STATE]), episode))
+        for recorded in _read(bag, [ODOMETRY, WHEELS, EVENTS]):
+            kind, values_of = _KINDS[recorded.topic]
+            steps.add(
+                kind,
+                recorded.stamp_ns,
+                recorded.log_ns,
+                functools.partial(values_of, recorded.message),
+            )
+        return steps.trajectory()
     except (TrajectoryError, PacketError, MessageError) as error:
         raise BagError(f'{bag}: {error}') from None
 
@@ -98,11 +87,11 @@ def _read(bag: Path, topics: Sequence[str]) -> Iterator[_Recorded]:
 
 def _choose_episode(
     bag: Path, lane_states: Iterable[_Recorded], episode: int | None
-) -> list[_Recorded]:
+) -> LaneStates:
     """Return the lane states of the episode that is meant by `read_trajectory`."""
     episodes = _split_episodes(lane_states)
     driven = [states for states in episodes if len(states) > 1] or episodes
-    numbers = [states[0].message.episode for states in driven]
+    numbers = [states.last.episode for states in driven]
     if episode is None and len(driven) == 1:
         return driven[0]
     if episode not in numbers:
@@ -112,41 +101,35 @@ def _choose_episode(
     return driven[len(numbers) - 1 - numbers[::-1].index(episode)]
 
 
-def _split_episodes(lane_states: Iterable[_Recorded]) -> list[list[_Recorded]]:
+def _split_episodes(lane_states: Iterable[_Recorded]) -> list[LaneStates]:
     """Begin an episode wherever its number changes or its steps begin again.
 
     An observation that waits for its answer is sent again to whoever joins then: it counts once.
     """
-    episodes: list[list[_Recorded]] = []
-    before = None
+    episodes: list[LaneStates] = []
     for recorded in lane_states:
-        now = recorded.message
-        if before is not None and _is_repeated(recorded, episodes[-1][-1]):
-            episodes[-1][-1] = recorded
-            continue
-        if before is None or now.episode != before.episode or now.step <= before.step:
-            episodes.append([])
-        episodes[-1].append(recorded)
-        before = now
+        state = lane_state_from_message(recorded.message)
+        if not episodes or episodes[-1].begins_another(recorded.stamp_ns, state):
+            if episodes:
+                episodes[-1].pack()
+            episodes.append(LaneStates())
+        episodes[-1].add(recorded.stamp_ns, recorded.log_ns, state)
     return episodes
 
 
-def _is_repeated(recorded: _Recorded, last: _Recorded) -> bool:
-    now, before = recorded.message, last.message
-    return bool(
-        (recorded.stamp_ns, now.episode, now.step) == (last.stamp_ns, before.episode, before.step)
-    )
-
-
-def _pose(message: Any) -> Pose:
+def _pose(message: Any) -> tuple[float, ...]:
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
-    return Pose(
-        (position.x, position.y, position.z),
-        (orientation.x, orientation.y, orientation.z, orientation.w),
+    return (
+        position.x,
+        position.y,
+        orientation.x,
+        orientation.y,
+        orientation.z,
+        orientation.w,
     )
 
 
-def _count_events(message: Any) -> int:
+def _count_events(message: Any) -> tuple[int]:
     from spikelane_sim import codecs
 
     events = codecs.decode(
@@ -157,4 +140,12 @@ def _count_events(message: Any) -> int:
         width=message.width,
         height=message.height,
     )
-    return len(events)
+    return (len(events),)
+
+
+#: Of each topic the kind of its messages (`step_messages.WIDTHS`), and how their values are had.
+_KINDS: dict[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
+    ODOMETRY: ('pose', _pose),
+    WHEELS: ('wheels', wheels_from_message),
+    EVENTS: ('events', _count_events),
+}
