@@ -325,8 +325,6 @@ class ControllerNode(Node):
         observation = Observation(stamp_ns, events, lane_state)
         self._answer.left, self._answer.right = self._host.step(observation)
         self._answer.header.stamp = conversions.to_time(stamp_ns)
-        if self._states.get_subscription_count():
-            self._publish_state(lane)
 
     def _report_fault(self, reason: str) -> None:
         self.get_logger().error(
@@ -351,6 +349,8 @@ class ControllerNode(Node):
         is_heard = count >= self._settings.wait_for_subscribers and not self._window.is_full
         if self._is_answered and is_heard:
             self._audience.reach(count)
+            if not self._is_sent and self._states.get_subscription_count():
+                self._publish_state(self._lane)
             self._is_sent = True
             self._window.count_step()
             self._sent[self._wheels.topic_name] += 1
