@@ -22,12 +22,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
+from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
 from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
-from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
+from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import Events, no_events
+from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
@@ -167,7 +168,7 @@ class ControllerNode(Node):
         cls = controller_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._image_size = image_size(parameters)
-        _warm_up(cls(parameters), self._image_size)
+        warm_up(cls(parameters), self._image_size)
         return cls(parameters)
 
     def _make_sensor(self) -> Sensor:
@@ -373,18 +374,3 @@ class ControllerNode(Node):
             state.episode, state.step = lane.episode, lane.step
         self._sent[self._states.topic_name] += 1
         self._states.publish(state)
-
-
-def _warm_up(controller: Controller, image_size: tuple[int, int]) -> None:
-    """Take a step that nobody sees.
-
-    Compiled kernels are loaded by the first call, or compiled: the robot must not wait for that.
-    """
-    width, height = image_size
-    packet = EventPacket(width=width, height=height)
-    conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
-    lane = messages.lane_state_from_message(LaneState())
-    controller.reset(controller_rng(0, 0))
-    sensor = Sensor(width=width, height=height, has_lane=True)
-    for step in sensor.add(messages.received_packet(packet)):
-        controller.step(Observation(step.stamp_ns, step.events, lane))

@@ -1,0 +1,27 @@
+"""Loads what a controller needs before its first observation comes."""
+
+from __future__ import annotations
+
+from event_camera_msgs.msg import EventPacket
+from spikelane_msgs.msg import LaneState
+
+from spikelane_sim import messages
+from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
+from spikelane_sim.events import no_events
+from spikelane_sim.nodes import conversions
+from spikelane_sim.sensor import Sensor
+
+
+def warm_up(controller: Controller, image_size: tuple[int, int]) -> None:
+    """Take a step that nobody sees.
+
+    Compiled kernels are loaded by the first call, or compiled: the robot must not wait for that.
+    """
+    width, height = image_size
+    packet = EventPacket(width=width, height=height)
+    conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
+    lane = messages.lane_state_from_message(LaneState())
+    controller.reset(controller_rng(0, 0))
+    sensor = Sensor(width=width, height=height, has_lane=True)
+    for step in sensor.add(messages.received_packet(packet)):
+        controller.step(Observation(step.stamp_ns, step.events, lane))
