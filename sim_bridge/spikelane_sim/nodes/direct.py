@@ -153,8 +153,8 @@ class DirectSubscriptions:
         # through its list of them: the executor's, next in it, would be forgotten.
         context = self._node.context
         count = len(self._subscriptions)
-        wait_set = _rclpy.WaitSet(count, 1, 0, 0, 0, 0, context.handle)
         try:
+            wait_set = _rclpy.WaitSet(count, 1, 0, 0, 0, 0, context.handle)
             while not self._stopping and context.ok():
                 wait_set.clear_entities()
                 needs_all = self._needs_all()

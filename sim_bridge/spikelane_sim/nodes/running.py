@@ -78,7 +78,9 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
                 # nothing changed, and would wait for ever.
                 executor.spin_once(timeout_sec=_LOOK_EVERY_S)
         except SpikelaneError as error:
-            return _refuse(str(error))
+            # One that comes after a signal says only that the middleware was shut down.
+            if rclpy.ok() or not ending.number:
+                return _refuse(str(error))
         except ExternalShutdownException:
             pass
         except Exception:
