@@ -21,7 +21,7 @@ from spikelane.dqn_results import dqn_metrics
 from spikelane.main import run
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, make_training, train, TrainConfig
-from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn_training import DqnTraining, DqnTrainingParameters, Outcome
 from spikelane_controllers.registry import make_controller
 from spikelane_controllers.states import read_states
@@ -217,11 +217,18 @@ def test_exported_weights_drive(whole: Path, tmp_path: Path) -> None:
 
 def test_a_network_that_diverges_is_reported(tmp_path: Path) -> None:
     """The checkpoint before stays."""
-    config = config_of(**{'dqn.q_learning.learning_rate': 1e30})
+    train_in(tmp_path, config_of(10))
+    found = read_checkpoint(tmp_path, 'dqn')
+    # Squares of such values are beyond the largest number of single precision.
+    arrays = {
+        name: array * np.float32(1e20) if array.dtype == np.float32 else array
+        for name, array in found.arrays.items()
+    }
+    write_checkpoint(tmp_path / 'checkpoint.safetensors', 'dqn', arrays, found.facts)
     with pytest.raises(
         SpikelaneError, match=r'the loss is .* after \d+ updates: expected a q_lea'
     ):
-        train_in(tmp_path, config)
+        train_in(tmp_path, config_of(), resume=True)
     assert read_checkpoint(tmp_path, 'dqn').facts['steps'] == 10
 
 

@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.files import FileError
 from spikelane_sim.nodes.direct import DirectSubscriptions
 
@@ -49,7 +49,8 @@ def until(condition: Callable[[], object]) -> None:
     ('error', 'status', 'is_bug'),
     [
         (FileError('out: cannot be written'), 1, False),
-        (CheckpointError('out: of another version'), 2, False),
+        (CheckpointError('out: damaged'), 1, False),
+        (CheckpointChoiceError('out: of another controller'), 2, False),
         (KeyError('out'), 1, True),
     ],
 )

@@ -48,7 +48,7 @@ def test_what_a_user_relies_on_is_in_the_pages() -> None:
     assert '| `~/simulate_steps` | ' in simulator
     assert '| `camera.fov_deg` | double | `100.0` | 1 to 170 | deg | ' in simulator
     rstdp = (FOLDER / 'rstdp.md').read_text('utf-8')
-    assert '| `c_r` | double | `0.01` | ≥ 0 | 1/(ms m) | ' in rstdp
+    assert '| `c_r` | double | `0.01` | 0 to 1,000,000 | 1/(ms m) | ' in rstdp
     assert '| `simulator/reset` | ' in rstdp
 
 

@@ -172,7 +172,7 @@ def test_a_state_that_was_taken_stays_as_it_is() -> None:
         ),
         ('adam.mean', np.full(241, np.nan, np.float32), 'adam.mean: expected'),
         ('replay.states', np.zeros((10, 3)), 'replay.states: expected an array of uint8'),
-        ('steps', 1.5, 'steps: expected a int, got 1.5'),
+        ('steps', 1.5, 'steps: expected a whole number, got 1.5'),
     ],
 )
 def test_the_state_of_another_learner_is_refused(name: str, value: Any, message: str) -> None:
