@@ -200,7 +200,7 @@ def test_an_answer_with_a_stamp_that_is_not_normalised_is_refused(graph) -> None
     assert to_stamp_ns(packets[-1].header.stamp) == 1_050_000_000
     answer(1, 50_000_000)
     graph.until(lambda: to_stamp_ns(packets[-1].header.stamp) == 1_100_000_000)
-    assert simulator.process.stop() == 0
+    assert simulator.process.stop() == 130
 
 
 def test_a_controller_refuses_what_is_not_valid(graph) -> None:
