@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import Arrays, Checkpoint, read_checkpoint, write_checkpoint
 from spikelane_controllers.learning_controller import LearningController
@@ -271,21 +270,17 @@ class Training:
 
     def _save(self) -> None:
         """Write the checkpoint; it is forced to the disk, and for people to read, at the end."""
-        state = self.controller.state()
+        arrays, facts = state_checkpoint(self.controller.state())
         records = self._records()
-        arrays: dict[str, NDArray[Any]] = {
-            _PREFIX + name: value for name, value in state.items() if isinstance(value, np.ndarray)
-        }
         arrays['training.answers'] = np.array(self._answers).reshape(-1, 2)
         arrays |= records.arrays
-        numbers = {name: v for name, v in state.items() if not isinstance(v, np.ndarray)}
         write_checkpoint(
             self._checkpoint,
             self._name,
             arrays,
             {
                 'config': self._config,
-                'controller': numbers,
+                **facts,
                 'steps': self.steps,
                 'lane': self._start.lane,
                 'episode': self._start.episode,
@@ -322,6 +317,15 @@ class Training:
             episode_steps=lane.step,
             reason=lane.reason,
         )
+
+
+def state_checkpoint(state: State) -> Checkpoint:
+    """Return a controller's own state as a checkpoint holds it; see `controller_state`."""
+    is_array = {name: isinstance(value, np.ndarray) for name, value in state.items()}
+    return Checkpoint(
+        {_PREFIX + name: value for name, value in state.items() if is_array[name]},
+        {'controller': {name: value for name, value in state.items() if not is_array[name]}},
+    )
 
 
 def controller_state(checkpoint: Checkpoint) -> State:

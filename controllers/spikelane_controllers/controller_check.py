@@ -1,0 +1,320 @@
+"""Checks a controller against the contract, as Gymnasium's check_env does with environments.
+
+What needs no simulator of its own and no ROS is here; `spikelane.check` adds trainings and ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextlib
+import dataclasses
+import math
+from pathlib import Path
+import random
+import tempfile
+from typing import Any, cast
+
+import numpy as np
+
+from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
+from spikelane_controllers.hosting import image_size
+from spikelane_controllers.learning_controller import check_can_learn, LearningController
+from spikelane_controllers.operations import Operations
+from spikelane_controllers.registry import ControllerClass
+from spikelane_controllers.training import controller_state, state_checkpoint
+from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
+from spikelane_sim.events import make_events, no_events
+from spikelane_sim.parameters import Parameters
+from spikelane_sim.simulator import Simulator, SimulatorParameters
+
+#: Steps of the drive that the controller is shown.
+STEPS = 60
+
+_MANY_EVENTS = 10_000
+_SEED = 7
+
+Answers = list[WheelVelocities]
+
+
+class Violations:
+    """Collects violations, each one sentence; the same one is kept once."""
+
+    def __init__(self, name: str) -> None:
+        """Begin without any.
+
+        Args:
+            name: Of the controller.
+        """
+        self._name = name
+        self.found: list[str] = []
+
+    def add(self, rule: str, expected: str, got: str) -> None:
+        """Add a violation: the rule, what was expected and what came."""
+        text = f'{self._name}: {rule}: expected {expected}, got {got}'
+        if text not in self.found:
+            self.found.append(text)
+
+    @contextlib.contextmanager
+    def guard(self, rule: str) -> Iterator[None]:
+        """Make a violation of any exception within the block."""
+        try:
+            yield
+        except Exception as error:  # the controller is foreign code
+            self.add(rule, 'no exception', f'{type(error).__name__}: {error!s:.200}')
+
+
+def check_controller(
+    name: str, cls: ControllerClass, parameters: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Check a controller's class against the contract of controllers.
+
+    Args:
+        name: Of the controller, in the registry.
+        cls: Its class.
+        parameters: Its parameters under dotted names; what is absent is default.
+
+    Returns:
+        All violations, one sentence each; none where the controller keeps the contract.
+    """
+    violations = Violations(name)
+    made = _make(violations, cls, parameters or {})
+    if made is None:
+        return violations.found
+    make, values = made
+    observations = _observations(values)
+    checks: dict[str, Callable[[], None]] = {
+        'step': lambda: _check_drive(violations, make, observations),
+        'same seed, same answers': lambda: _check_determinism(violations, make, observations),
+        'odd observations': lambda: _check_odd(violations, make, observations[0]),
+    }
+    if hasattr(cls, 'state') or hasattr(cls, 'restore') or 'learning' in values.to_dict():
+        checks['learning'] = lambda: _check_learner(violations, name, make, observations)
+    else:
+        checks['reset'] = lambda: _check_reset(violations, make, observations)
+    for rule, check in checks.items():
+        with violations.guard(rule):
+            check()
+    return violations.found
+
+
+def _make(
+    violations: Violations, cls: ControllerClass, given: Mapping[str, Any]
+) -> tuple[Callable[[], Controller], Parameters] | None:
+    """Return what makes the controller, and its parameters; None where it cannot be made."""
+    parameters_class = getattr(cls, 'parameters_class', None)
+    if not (isinstance(parameters_class, type) and issubclass(parameters_class, Parameters)):
+        expected = 'a class derived from Parameters'
+        violations.add('parameters_class', expected, f'{parameters_class!r:.80}')
+        return None
+    if not dataclasses.is_dataclass(parameters_class):
+        violations.add('parameters_class', 'a dataclass', parameters_class.__name__)
+        return None
+    values = parameters_class.from_mapping(given)
+    with violations.guard('construction from parameters_class'):
+        controller = cls(values)
+        lacking = [
+            each for each in ('reset', 'step') if not callable(getattr(controller, each, None))
+        ]
+        for each in lacking:
+            violations.add(f'method {each}', 'a method', 'none')
+        return None if lacking else (lambda: cls(values), values)
+    return None
+
+
+def _observations(parameters: Parameters) -> list[Observation]:
+    """Return the observations of a drive straight ahead."""
+    width, height = image_size(parameters)
+    simulated = {'robot.model': 'kinematic', 'camera.width': width, 'camera.height': height}
+    with Simulator(SimulatorParameters.from_mapping(simulated)) as simulator:
+        seen = [simulator.reset('outer', _SEED)]
+        seen += [simulator.step(WheelVelocities(1.0, 1.0)) for _ in range(STEPS)]
+    return seen
+
+
+def _drive(controller: Controller, seen: Sequence[Observation], episode: int = 1) -> Answers:
+    """Return the answers of an episode, each observation given as a copy."""
+    controller.reset(controller_rng(_SEED, episode))
+    return _answers(controller, seen)
+
+
+def _answers(controller: Controller, seen: Sequence[Observation]) -> Answers:
+    return [controller.step(each._replace(events=each.events.copy())) for each in seen]
+
+
+def _same(some: object, others: object) -> bool:
+    """Return whether answers are the same, bit for bit; NaN is the same as NaN."""
+    return repr(some) == repr(others)
+
+
+def _check_drive(
+    violations: Violations, make: Callable[[], Controller], seen: Sequence[Observation]
+) -> None:
+    """Check answers, attributes, and that nothing is changed that belongs to others."""
+    before = _global_random_state()
+    controller = make()
+    controller.reset(controller_rng(_SEED, 1))
+    for each in seen:
+        given = each._replace(events=each.events.copy())
+        _check_wheels(violations, controller.step(given))
+        if given.events.tobytes() != each.events.tobytes():
+            violations.add('events', 'events that step leaves as they are', 'changed events')
+        _check_attributes(violations, controller)
+    if _global_random_state() != before:
+        expected = 'all randomness from the generator given to reset'
+        violations.add('global random state', expected, 'a changed global random state')
+
+
+def _global_random_state() -> tuple[object, ...]:
+    """Return the state of all generators that belong to nobody."""
+    return repr(np.random.get_state()), random.getstate()  # noqa: NPY002  # others may use it
+
+
+def _check_wheels(violations: Violations, wheels: object, where: str = '') -> None:
+    rule = f'answer of step{where}'
+    if not isinstance(wheels, WheelVelocities):
+        violations.add(rule, 'WheelVelocities', type(wheels).__name__)
+    elif not all(isinstance(each, float) for each in wheels):
+        kinds = ', '.join(type(each).__name__ for each in wheels)
+        violations.add(rule, 'two floats', kinds)
+    elif not all(math.isfinite(each) for each in wheels):
+        violations.add(rule, 'finite floats', f'{wheels.left}, {wheels.right}')
+
+
+def _is_counts(value: object, number: int) -> bool:
+    try:
+        counts = list(cast(Any, value))
+    except TypeError:
+        return False
+    return len(counts) == number and all(isinstance(e, int) and 0 <= e < 2**32 for e in counts)
+
+
+def _is_names(value: object) -> bool:
+    return isinstance(value, tuple | list) and all(isinstance(each, str) for each in value)
+
+
+def _check_attributes(violations: Violations, controller: object) -> None:
+    """Check the optional attributes: the nodes publish them, results are made of them."""
+    neurons = getattr(controller, 'neurons', ())
+    kinds: dict[str, tuple[str, Callable[[Any], bool]]] = {
+        'neurons': ('a tuple or list of str', _is_names),
+        'spikes': (
+            'one int from 0 to 2^32 - 1 for each of neurons',
+            lambda value: _is_names(neurons) and _is_counts(value, len(neurons)),
+        ),
+        'action': ('an int of 32 bits', lambda v: isinstance(v, int) and -(2**31) <= v < 2**31),
+        'reward': ('a float, NaN for none', lambda value: isinstance(value, float)),
+        'learning': ('a bool', lambda value: isinstance(value, bool)),
+        'operations': ('Operations', lambda value: isinstance(value, Operations)),
+        'weights_pa': (
+            'an array of finite floats',
+            lambda v: (
+                isinstance(v, np.ndarray) and v.dtype.kind == 'f' and bool(np.isfinite(v).all())
+            ),
+        ),
+    }
+    for name, (expected, is_right) in kinds.items():
+        if hasattr(controller, name) and not is_right(value := getattr(controller, name)):
+            violations.add(f'attribute {name}', expected, f'{value!r:.80}')
+
+
+def _check_determinism(
+    violations: Violations, make: Callable[[], Controller], seen: Sequence[Observation]
+) -> None:
+    one, other = make(), make()
+    for episode in (1, 2):
+        if not _same(_drive(one, seen, episode), _drive(other, seen, episode)):
+            violations.add(
+                'same seed, same answers',
+                'the same answers of two controllers that were made alike',
+                f'different answers in episode {episode}',
+            )
+            return
+
+
+def _check_reset(
+    violations: Violations, make: Callable[[], Controller], seen: Sequence[Observation]
+) -> None:
+    controller = make()
+    first = _drive(controller, seen)
+    if not _same(_drive(controller, seen), first):
+        expected = 'the same answers again after reset with the same seed'
+        violations.add('reset', expected, 'different answers')
+
+
+def _check_odd(violations: Violations, make: Callable[[], Controller], first: Observation) -> None:
+    """Check observations that are rare in a simulation."""
+    stamp_ns = first.stamp_ns
+    many = make_events(np.full(_MANY_EVENTS, stamp_ns), 0, 0, 1)
+    odd = {
+        'without events': first._replace(events=no_events()),
+        f'with {_MANY_EVENTS} events at one pixel': first._replace(events=many),
+        'without a lane': first._replace(lane=None),
+        'with neither events nor a lane': Observation(stamp_ns, no_events(), None),
+    }
+    for what, observation in odd.items():
+        with violations.guard(f'observation {what}'):
+            controller = make()
+            controller.reset(controller_rng(_SEED, 1))
+            for _ in range(20):  # some act only at every tenth
+                _check_wheels(violations, controller.step(observation), f' {what}')
+
+
+def _check_learner(
+    violations: Violations,
+    name: str,
+    make: Callable[[], Controller],
+    seen: Sequence[Observation],
+) -> None:
+    with violations.guard('what training needs'):
+        check_can_learn(name, make())
+    with violations.guard('state and restore'):
+        _check_state(violations, name, cast('Callable[[], LearningController]', make), seen)
+    with violations.guard('learning off'):
+        _check_not_learning(violations, make, seen)
+
+
+def _check_state(
+    violations: Violations,
+    name: str,
+    make: Callable[[], LearningController],
+    seen: Sequence[Observation],
+) -> None:
+    """Check that a controller goes on the same after it was written to a file."""
+    half = len(seen) // 2 + 3  # not where an action ends
+    controller, restored = make(), make()
+    _drive(controller, seen[:half])
+    state = controller.state()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'checkpoint.safetensors')
+        write_checkpoint(path, name, *state_checkpoint(state))
+        restored.restore(controller_state(read_checkpoint(path, name)))
+    for each in (seen[half:], None):
+        answers = [
+            _drive(one, seen, 2) if each is None else _answers(one, each)
+            for one in (controller, restored)
+        ]
+        if not _same(*answers):
+            when = 'after the next reset' if each is None else 'in the same episode'
+            expected = 'the same answers after restore from a checkpoint file'
+            violations.add('state and restore', expected, f'different answers {when}')
+            return
+
+
+def _check_not_learning(
+    violations: Violations, make: Callable[[], Controller], seen: Sequence[Observation]
+) -> None:
+    """Check that nothing is learnt while `learning` is False.
+
+    Where the weights are visible, they must stay the same. Otherwise an episode that is
+    repeated must be answered as before.
+    """
+    controller = make()
+    controller.learning = False  # type: ignore[attr-defined]
+    weights = getattr(controller, 'weights_pa', None)
+    if weights is None:
+        _check_reset(violations, lambda: controller, seen)
+        return
+    before = np.array(weights)
+    _drive(controller, seen)
+    if not np.array_equal(before, cast(Any, controller).weights_pa):
+        violations.add('learning off', 'weights_pa that stay the same', 'changed weights')

@@ -1,0 +1,111 @@
+"""Checks a controller against the whole contract: in one process and over ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import functools
+from pathlib import Path
+import tempfile
+from typing import Any
+
+from spikelane import lap, training
+from spikelane.configuration import parameter_groups
+from spikelane.run_folder import RunFolder
+from spikelane.trajectory import write_csv
+from spikelane.transport import check_transport, over_ros
+from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.controller_check import check_controller, Violations
+from spikelane_controllers.registry import controller_class, training_names
+
+#: Steps of the laps and, as its class counts them, of the trainings.
+STEPS = 60
+
+_SHORT: Mapping[str, Any] = {
+    'simulator.robot.model': 'kinematic',
+    'simulator.episode.max_steps': STEPS,
+}
+_SEED = 7
+
+
+def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]:
+    """Check a registered controller.
+
+    Args:
+        name: Of the controller, in the registry.
+        transport: 'inprocess', or 'ros' for both.
+        parameters: Its parameters as `name.parameter`; what is absent is default.
+
+    Returns:
+        All violations, one sentence each.
+
+    Raises:
+        SpikelaneError: The controller is not found, a parameter is not allowed, or there is no
+            ROS where it is asked for.
+    """
+    check_transport(transport, name)
+    given = {**lap.default_weights('1', name), **parameters}
+    own = parameter_groups(given, {name: {}})[name]
+    found = check_controller(name, controller_class(name), own)
+    violations = Violations(name)
+    with tempfile.TemporaryDirectory(prefix='spikelane-check-') as folder:
+        if transport == 'ros':
+            with violations.guard('lap over ROS'):
+                _check_lap(violations, name, parameters, Path(folder))
+        if name in training_names():
+            with violations.guard('training'):
+                _check_training(violations, name, transport, parameters, Path(folder))
+    return found + violations.found
+
+
+def _quiet(step: int, progress: float) -> None:
+    del step, progress
+
+
+def _check_lap(
+    violations: Violations, name: str, parameters: Mapping[str, Any], folder: Path
+) -> None:
+    """Check that a short drive over ROS is the same as in one process."""
+    make = functools.partial(lap.make_config, '1', name, None, _SEED)
+    given = {**parameters, **_SHORT}
+    driven = lap.drive_lap(make('inprocess', given), _quiet)
+    config = make('ros', given)
+    over = over_ros('lap', 'drive_lap_over_ros')(
+        config, RunFolder.begin(config, folder / 'lap'), _quiet
+    )
+    write_csv(driven.trajectory, folder / 'inprocess.csv')
+    write_csv(over.trajectory, folder / 'ros.csv')
+    if (folder / 'inprocess.csv').read_bytes() != (folder / 'ros.csv').read_bytes():
+        expected = f'the same trajectory of {STEPS} steps as in one process'
+        violations.add('lap over ROS', expected, 'another trajectory')
+
+
+def _check_training(
+    violations: Violations,
+    name: str,
+    transport: str,
+    parameters: Mapping[str, Any],
+    folder: Path,
+) -> None:
+    """Check that a training is the same if it is resumed, and over ROS."""
+    given = {**parameters, **_SHORT}
+
+    def train(where: str, steps: int, transport: str = 'inprocess') -> bytes:
+        config = training.make_config('1', name, _SEED, transport, given, steps)
+        is_resumed = (folder / where).exists()
+        run = RunFolder(folder / where) if is_resumed else RunFolder.begin(config, folder / where)
+        do = over_ros('training', 'train_over_ros') if transport == 'ros' else training.train
+        do(config, run, _quiet, resume=is_resumed)
+        read_checkpoint(run.checkpoint, name)
+        return run.checkpoint.read_bytes()
+
+    whole = train('whole', 2 * STEPS)
+    with violations.guard('resumed training'):
+        train('parts', STEPS - 7)
+        if train('parts', 2 * STEPS) != whole:
+            expected = 'the checkpoint of a training that was not interrupted'
+            violations.add('resumed training', expected, 'another checkpoint')
+    if transport == 'ros':
+        with violations.guard('training over ROS'):
+            if train('ros', 2 * STEPS, 'ros') != whole:
+                expected = 'the checkpoint of the same training in one process'
+                violations.add('training over ROS', expected, 'another checkpoint')
