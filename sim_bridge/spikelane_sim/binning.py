@@ -71,7 +71,7 @@ class SensorParameters(Parameters):
     )
     longest_pause_s: float = parameter(
         1.0,
-        "Steps begin anew where a camera's time, with events or without, goes on by more at once.",
+        "Steps restart where a camera's time, of events or time words, advances by more at once.",
         unit='s',
         low=0.05,
         high=60.0,

@@ -32,5 +32,6 @@ class Publish(NamedTuple):
     has_controller: Callable[[], bool]
 
 
-#: Told once: of the observation published, or of None where another episode or a stop came first.
+#: Called once: with the observation when it is published, or with None if an episode or a stop
+#: came first.
 OnPublished = Callable[[Observation | None], None]

@@ -151,7 +151,7 @@ class Sensor:
             )
         if self._restarts:
             reasons = '; '.join(f'{reason} ({n})' for reason, n in list(self._restarts.items()))
-            notes['restarts'] = f"the camera's steps began anew {self.restarts} times: {reasons}"
+            notes['restarts'] = f"the camera's steps restarted (count: {self.restarts}): {reasons}"
         return notes
 
     def add(self, packet: ReceivedPacket) -> list[SensorStep]:

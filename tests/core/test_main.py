@@ -251,8 +251,8 @@ def test_where_nodes_cannot_be_started_no_folder_is_made(
     [
         ('--controller rstdp --train --checkpoint x', '--checkpoint, --lane: expected no --train'),
         ('--controller rstdp --train --lane inner', '--checkpoint, --lane: expected no --train'),
-        ('--controller rstdp --steps 100', '--steps: expected --train beside it'),
-        ('--steps 100', '--steps: expected --train beside it'),
+        ('--controller rstdp --steps 100', '--steps: expected together with --train'),
+        ('--steps 100', '--steps: expected together with --train'),
     ],
 )
 def test_what_a_view_would_not_heed_is_refused(

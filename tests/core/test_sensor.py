@@ -342,7 +342,7 @@ def test_every_restart_is_counted_and_told(
     for stamp_ms, sequence, t_ms in packets:
         sensor.add(packet(stamp_ms * MS, sequence, [t_ms * MS]))
     assert sensor.restarts == 1
-    assert sensor.notes == {'restarts': f"the camera's steps began anew 1 times: {reason} (1)"}
+    assert sensor.notes == {'restarts': f"the camera's steps restarted (count: 1): {reason} (1)"}
 
 
 @pytest.mark.parametrize('back_ms', [1, 499, 500])
@@ -362,7 +362,7 @@ def test_another_size_is_another_camera_and_is_told() -> None:
     sensor.add(packet(1000 * MS, 1, [0], size=(128, 128)))
     sensor.add(packet(1010 * MS, 2, [10 * MS], size=(256, 256)))
     assert sensor.notes == {
-        'restarts': "the camera's steps began anew 1 times: another encoding or image size (1)"
+        'restarts': "the camera's steps restarted (count: 1): another encoding or image size (1)"
     }
 
 

@@ -253,7 +253,7 @@ def fake(path: Path, script: str) -> str:
 @pytest.mark.parametrize(
     ('script', 'fault'),
     [
-        (None, 'is not there'),
+        (None, 'is not found'),
         ('echo 3.9', 'is Python 3.9'),
         ('echo 3.14', 'is Python 3.14'),
         ('exit 1', 'does not run'),
@@ -284,7 +284,7 @@ def test_a_machine_without_a_python_is_told_what_was_tried(tree: Path, tmp_path:
     assert said == (
         'set-up: Python 3.10, 3.11, 3.12 or 3.13 is needed, but python3 is Python 3.9, '
         'python3.12 does not run (pyenv: python3.12: command not found), '
-        'python3.13 is not there, python3.11 is not there, python3.10 is not there: '
+        'python3.13 is not found, python3.11 is not found, python3.10 is not found: '
         'sudo apt install python3-venv python3-dev, or PYTHON=/path/to/python3 make run\n'
     )
 

@@ -50,7 +50,7 @@ def test_a_node_says_where_qos_do_not_match_and_what_it_lacks(graph: Any) -> Non
     parameters = {'use_lane_state': 'false', 'reliability': 'reliable'}
     process = graph.start('braitenberg', parameters, '-r', '__ns:=/no')
     graph.until(lambda: 'offering incompatible QoS' in process.log, 'the warning')
-    graph.until(lambda: 'waiting for observations: no further event packet' in process.log)
+    graph.until(lambda: 'waiting for observations: no event packet that completes' in process.log)
     assert 'received 0 event packets, answered 0 steps' in process.log
     graph.node.destroy_publisher(publisher)
 
@@ -68,7 +68,7 @@ def test_a_camera_without_lane_states_is_told_how_to_be_used(graph: Any) -> None
     process = graph.start('braitenberg', {}, '-r', '__ns:=/lane')
     graph.until(publisher.get_subscription_count, 'the subscription')
     play(graph, publisher, 'plain')
-    graph.until(lambda: 'a camera has none: use_lane_state:=false' in process.log)
+    graph.until(lambda: 'a camera publishes no lane states: use_lane_state:=false' in process.log)
     graph.node.destroy_publisher(publisher)
 
 

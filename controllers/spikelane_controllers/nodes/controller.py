@@ -245,7 +245,9 @@ class ControllerNode(Node):
         if wanted != self._reliability:
             self._reliability = wanted
             self._observations.renew(EVENTS, self._events_qos())
-            self.get_logger().info(f'{EVENTS}: subscribed {wanted.name.lower()}, as it is offered')
+            self.get_logger().info(
+                f'{EVENTS}: subscribed {wanted.name.lower()}, as the publishers offer'
+            )
 
     def _lacks(self) -> str:
         """Return what was received and what is lacking for the next step."""
@@ -258,16 +260,16 @@ class ControllerNode(Node):
             lacks = f'{EVENTS} has no publisher'
         elif self._received == 0 or self._steps:
             lacks = (
-                f'no further event packet that makes a step comes from {publishers} publishers of '
+                f'no event packet that completes a step arrives from {publishers} publishers of '
                 f'{EVENTS}'
             )
         elif self._settings.use_lane_state:
             lacks = (
                 f'no lane/state ({self.count_publishers("lane/state")} publishers) has the stamp '
-                'of a packet; a camera has none: use_lane_state:=false'
+                'of a packet; a camera publishes no lane states: use_lane_state:=false'
             )
         else:
-            lacks = 'no step of 50 ms is complete: the packets tell of no time that goes on'
+            lacks = 'no step of 50 ms is complete: the time in the packets does not advance'
         return f'waiting for observations: {lacks}; {received}'
 
     def _report_notes(self) -> None:

@@ -127,7 +127,7 @@ class LearningNode(ControllerNode):
 
     def _lacks(self) -> str:
         if self._training is not None and not self._client.service_is_ready():
-            return 'waiting to reset the simulator: the service simulator/reset is not there'
+            return 'waiting to reset the simulator: no service simulator/reset is found'
         return super()._lacks()
 
     def _reset_if_there(self) -> None:

@@ -1,6 +1,6 @@
 """Parameters that were given to a node and that it does not use: rclpy ignores them in silence.
 
-They are no error, since one file may be meant for several nodes, but each is told once.
+They are no error, since one file may be meant for several nodes, but the node warns of each once.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def test_a_file_without_summary_or_messages_is_read(tmp_path: Path, use_chunking
         writer.register_channel('/cam/events', 'cdr', schema)
         writer.finish()  # type: ignore[no-untyped-call]
     # The library leaves out a chunk without messages, with the channel in it.
-    found = 'none, and no other topics' if use_chunking else '/cam/events without a message that'
+    found = 'none, and no other topics' if use_chunking else '/cam/events without a readable'
     with pytest.raises(BagError, match=f'got {found}'):
         RecordedDrive(file)
     empty = mcap_file(tmp_path / 'b_0.mcap', b'', '', 0, times=3)
@@ -495,7 +495,7 @@ def test_packets_of_two_publishers_are_a_failure(
         object.__setattr__(other.fields, 'header', drives.header(2 * 10**9 + number * 5_000_000))
         said += [one, other._replace(log_ns=one.log_ns + 1000)]
     error = failure(drives.write(tmp_path / 'bag', said), capsys)
-    assert 'expected the packets of one publisher, got those of several in turns' in error
+    assert 'expected the packets of one publisher, got alternating packets of several' in error
 
 
 # --- chance ---------------------------------------------------------------------------------

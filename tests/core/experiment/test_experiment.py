@@ -400,7 +400,7 @@ def test_a_folder_is_used_by_one_command_at_a_time(tmp_path: Path) -> None:
     [
         (['--jobs', '0'], '--jobs: expected a whole number from 1 to 10000, got 0'),
         (['--retries', '-1'], '--retries: expected a whole number from 0 to 1000, got -1'),
-        (['--address', 'auto'], '--address: expected --engine ray with it'),
+        (['--address', 'auto'], '--address: expected together with --engine ray'),
     ],
 )
 def test_wrong_use_is_told_in_one_line(tmp_path: Path, options: list[str], message: str) -> None:

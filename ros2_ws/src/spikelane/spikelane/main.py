@@ -17,7 +17,7 @@ COMMANDS = {
     'transfer': 'teach a spiking network the policy of a trained Q-network',
     'export': 'write a spiking network in a format that others read',
     'replay': 'let a controller answer a recorded drive, and compare',
-    'repair': 'make a bag whole whose recorder was killed',
+    'repair': 'repair a bag whose recorder was killed',
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'do all runs that a file describes',
     'reproduce': 'do everything the paper reports, and report on it',

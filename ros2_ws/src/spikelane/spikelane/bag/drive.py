@@ -230,7 +230,7 @@ class RecordedDrive:
             named[_NAMED:] = [f'{len(named) - _NAMED} more']
         found = f'none, only {", ".join(named)}' if named else 'none, and no other topics'
         if empty:
-            found = f'{", ".join(empty)} without a message that can be read'
+            found = f'{", ".join(empty)} without a readable message'
         damage = '; '.join(self._damage)
         return found + legacy_hint(frozenset(types.values())) + (f' ({damage})' if damage else '')
 
@@ -250,8 +250,8 @@ class RecordedDrive:
         if back > max(_RESTARTS, len(once) // 50):
             raise BagError(
                 f'{self.source.path}: {self.events_topic}: expected the packets of one publisher, '
-                f'got those of several in turns: their numbers go back {back} times in '
-                f'{len(once)} packets'
+                f'got alternating packets of several publishers: their numbers go back '
+                f'{back} times in {len(once)} packets'
             )
 
     def _note_what_is_missing(self, prefix: str) -> None:

@@ -1,9 +1,9 @@
 """Repair of bags: what a killed recorder or damage has left becomes a bag that all readers take.
 
 Files that are sound stay as they are. Of each other file, all messages that can be read are
-written into a new one beside it. When rosbags has read that whole, it takes the old one's place;
-metadata.yaml is written at the end. Whoever interrupts this leaves each file as it was or
-repaired, and the next repair does the rest.
+written into a new file in a hidden folder. When rosbags has read the new bag whole, the new files
+take the places of the old ones; metadata.yaml follows at the end. If this is interrupted, each
+file is as it was or repaired, and the next repair does the rest.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ class McapScan:
             path: The file.
             original_size: Of the file on the disk [bytes] where this is its decompressed content.
             is_wanted: Whether messages of a channel are.
-            on_metadata: Told of each metadata record.
+            on_metadata: Called with each metadata record.
         """
         self._path = path
         self._original_size = original_size

@@ -84,7 +84,7 @@ def _check(options: argparse.Namespace) -> None:
     check_jobs(options.jobs)
     check_number('--retries', options.retries, 0, 1000)
     if options.address is not None and options.engine != 'ray':
-        raise ParameterError('--address: expected --engine ray with it')
+        raise ParameterError('--address: expected together with --engine ray')
 
 
 def check_jobs(jobs: int | None) -> None:

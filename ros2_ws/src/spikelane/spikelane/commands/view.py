@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
         SpikelaneError: An option is wrong, or something failed.
     """
     if options.steps is not None and not options.train:
-        raise ParameterError('--steps: expected --train beside it')
+        raise ParameterError('--steps: expected together with --train')
     check_number('--port', options.port, 0, 65_535)
     check_number('--data-port', options.data_port, 0, 65_535)
     check_number('--domain', options.domain, 0, 232)

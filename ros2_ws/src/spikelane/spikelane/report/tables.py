@@ -72,7 +72,7 @@ def _against_paper(runs: Runs) -> Table:
         "deviation with its 95 % interval (Student's t, on a log or logit scale where a quantity "
         'has bounds), and median with range and its 95 % interval (bootstrap, from six units on). '
         'Times that a training had not reached by its end are censored ("over"), and their median '
-        'is the Kaplan-Meier estimate. Units: those with a value, or that got there. A step is '
+        'is the Kaplan-Meier estimate. Units: those that have a value or reached it. A step is '
         "50 ms. Setting: what differs from the paper's parameters, or its name. The paper's "
         'accuracy is on the states trained with, the one here on states held out.',
         (
