@@ -21,6 +21,10 @@ class FileError(SpikelaneError):
     exit_status = 1
 
 
+class WriteError(FileError):
+    """A file cannot be written: the disk is full, or the folder does not allow it."""
+
+
 def write_bytes_atomically(path: Path, content: bytes, *, sync: bool = True) -> None:
     """Write a file so that, whenever we are interrupted, the old or the new one is there, whole.
 
@@ -61,7 +65,7 @@ def written_whole(path: Path, *, sync: bool = True) -> Iterator[BinaryIO]:
         if sync:
             _sync_folder(path.parent)
     except OSError as error:
-        raise FileError(f'{path}: cannot be written: {error.strerror}') from error
+        raise WriteError(f'{path}: cannot be written: {error.strerror}') from error
     finally:
         with contextlib.suppress(OSError):
             beside.unlink()

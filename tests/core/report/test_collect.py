@@ -101,8 +101,8 @@ def write_transfer(folder: Path, checkpoint: str, **config: Any) -> Path:
     folder.mkdir()
     values = {'scenario': '1', 'seed': 0, 'checkpoint': checkpoint, 'transfer': {}, **config}
     (folder / 'config.yaml').write_text(yaml.safe_dump(values))
-    names = ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates')
-    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1)))
+    names = ('accuracy', 'training_accuracy', 'states', 'maximum')
+    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1) | {'rates': {}}))
     facts = {'config': values}
     write_checkpoint(folder / 'checkpoint.safetensors', 'dqn_snn', {'a': np.zeros(2)}, facts)
     return folder

@@ -26,6 +26,7 @@ from spikelane.report.runs import (
 from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.convergence import RateError
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.state import mapping, number, records
@@ -37,14 +38,19 @@ from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 
 _RESULTS_FILE = 'results.json'
 
-_LAP_METRICS = (
-    'completed',
-    'steps',
-    'lap_time_s',
-    'mean_abs_distance_m',
-    'max_abs_distance_m',
-    'mean_distance_m',
-)
+_LAP_METRICS: Mapping[str, type] = {
+    'completed': bool,
+    'steps': int,
+    'mean_abs_distance_m': float,
+    'max_abs_distance_m': float,
+    'mean_distance_m': float,
+}
+_TRANSFER_METRICS: Mapping[str, type] = {
+    'accuracy': float,
+    'training_accuracy': float,
+    'states': int,
+    'maximum': int,
+}
 
 
 class ReportError(SpikelaneError):
@@ -148,7 +154,7 @@ def _add(runs: Runs, folder: Path) -> None:
             runs.trainings.append(_training_of_checkpoint(folder))
         else:
             _add_experiment(runs, folder)
-    except (SpikelaneError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         why = f'not a run of this version: {error!r}'
         why = str(error) if isinstance(error, SpikelaneError) else why
         runs.left_out.append(LeftOut(str(folder), why))
@@ -196,7 +202,7 @@ def _lap(
     seed: int,
     scenario: str = '',
 ) -> Lap:
-    _check(metrics, _LAP_METRICS)
+    _check_lap(metrics)
     return Lap(
         controller=config['controller'],
         scenario=scenario or scenario_name(config),
@@ -260,7 +266,7 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
-    _check(metrics, ('accuracy', 'training_accuracy', 'states', 'maximum', 'rates'))
+    _check_transfer(metrics)
     return TransferRun(
         controller='dqn_snn',
         scenario=scenario_name(config),
@@ -272,15 +278,56 @@ def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any
     )
 
 
-def _check(metrics: Mapping[str, Any], names: Sequence[str]) -> None:
-    """Check that metrics have what tables are made of.
+def _check_lap(metrics: Mapping[str, Any]) -> None:
+    """Check that metrics have what the tables of laps are made of.
 
     Raises:
-        FileError: They have not.
+        FileError: Something is missing or of another kind.
     """
-    for name in names:
+    _check(metrics, _LAP_METRICS)
+    if 'lap_time_s' not in metrics or metrics['completed'] or metrics['lap_time_s'] is not None:
+        _check(metrics, {'lap_time_s': float})
+    operations = metrics.get('operations')
+    if operations is not None:
+        _check(_mapping(operations, 'operations'), dict.fromkeys(operations, int))
+
+
+def _check_transfer(metrics: Mapping[str, Any]) -> None:
+    """Check that metrics have what the tables and figures of transfers are made of.
+
+    Raises:
+        FileError: Something is missing or of another kind.
+    """
+    _check(metrics, _TRANSFER_METRICS)
+    for name, errors in _mapping(metrics.get('rates'), 'rates').items():
+        if not isinstance(errors, list):
+            raise FileError(f'metrics.json: rates: {name}: expected a list, got {errors!r:.80}')
+        for each in errors:
+            _check(_mapping(each, name), dict.fromkeys(RateError._fields, float))
+
+
+def _mapping(value: Any, name: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise FileError(f'metrics.json: {name}: expected names and values, got {value!r:.80}')
+    return value
+
+
+def _check(metrics: Mapping[str, Any], kinds: Mapping[str, type]) -> None:
+    """Check that metrics have finite values of these kinds.
+
+    Raises:
+        FileError: One is missing or of another kind.
+    """
+    for name, kind in kinds.items():
         if name not in metrics:
             raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
+        value = metrics[name]
+        try:
+            # `number` asks for a float where a whole number is one in JSON, too.
+            is_whole = kind is float and isinstance(value, int) and not isinstance(value, bool)
+            number(metrics, name, int if is_whole else kind)
+        except CheckpointError as error:
+            raise FileError(f'metrics.json: {error}') from None
 
 
 def _add_experiment(runs: Runs, folder: Path) -> None:

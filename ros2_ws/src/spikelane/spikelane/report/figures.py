@@ -48,6 +48,7 @@ from spikelane_controllers.states import read_states
 from spikelane_controllers.weights import WEIGHTS
 from spikelane_sim.encoding import EncodingParameters, StateImageParameters
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.files import WriteError
 
 
 class Drawn(NamedTuple):
@@ -68,19 +69,31 @@ class Drawn(NamedTuple):
 Show = Callable[[str], None]
 
 
-def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], list[LeftOut]]:
+class Figures(NamedTuple):
+    """What came of drawing.
+
+    Attributes:
+        drawn: The figures in the order of the page.
+        left_out: What could not be drawn, and why.
+        unwritten: Names of the figures that could not be written, with the errors.
+    """
+
+    drawn: list[Drawn]
+    left_out: list[LeftOut]
+    unwritten: dict[str, WriteError]
+
+
+def draw_figures(runs: Runs, folder: Path, show: Show) -> Figures:
     """Draw all figures that these runs have something for.
 
     Args:
         runs: To draw.
         folder: Of the files.
         show: Told what is being drawn.
-
-    Returns:
-        The figures in the order of the page, and what could not be drawn.
     """
     drawn: list[Drawn] = []
     left_out: list[LeftOut] = []
+    unwritten: dict[str, WriteError] = {}
     for each in _all(runs, folder):
         show(each.name)
         check()
@@ -88,9 +101,11 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> tuple[list[Drawn], lis
             drawn.append(Drawn(each.heading, each.caption, each.draw()))
         except SpikelaneError as error:
             left_out.append(LeftOut(each.caption, str(error)))
+            if isinstance(error, WriteError):
+                unwritten[each.name] = error
         except KeyError as error:
             left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
-    return drawn, left_out + list(missing(runs))
+    return Figures(drawn, left_out + list(missing(runs)), unwritten)
 
 
 class _Figure(NamedTuple):

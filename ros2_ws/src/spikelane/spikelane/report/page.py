@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import shlex
 from typing import Any
@@ -16,10 +16,11 @@ from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECOR
 from spikelane.report.runs import LeftOut, Runs
 from spikelane.report.tables import all_tables
 from spikelane.run_folder import versions
-from spikelane_sim.files import write_json, write_text_atomically
+from spikelane_sim.files import FileError, write_json, write_text_atomically, WriteError
 
 PAGE = 'report.html'
 
+_TABLES = 'report.json'
 _TEMPLATE = 'page.html'
 _KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
 
@@ -40,18 +41,17 @@ def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -
 
     Raises:
         ReportError: There is nothing to report on.
-        FileError: A file cannot be written.
+        FileError: A file cannot be written; the message says what the report lacks because of it.
     """
     show('reading')
     runs = collect(paths)
     name_settings(runs)
     tables = all_tables(runs)
-    figures, not_drawn = draw_figures(runs, out / 'figures', show)
+    figures, not_drawn, unwritten = draw_figures(runs, out / 'figures', show)
     commands, not_told = all_commands(runs)
     left_out = [*runs.left_out, *not_drawn, *not_told]
     command = shlex.join(['./spikelane', 'report', *map(str, paths)])
     page = _page(runs, tables, figures, commands, left_out, command, note)
-    write_text_atomically(out / PAGE, page)
     result = {
         'page': str(out / PAGE),
         'note': note,
@@ -62,7 +62,19 @@ def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -
         'figures': [str(file) for figure in figures for file in figure.files],
         'left_out': [each._asdict() for each in left_out],
     }
-    write_json(out / 'report.json', result)
+    failed = {f'figure {name}': error for name, error in unwritten.items()}
+    writers: dict[str, Callable[[], None]] = {
+        f'page ({PAGE})': lambda: write_text_atomically(out / PAGE, page),
+        f'tables ({_TABLES})': lambda: write_json(out / _TABLES, result),
+    }
+    for what, write in writers.items():
+        try:
+            write()
+        except WriteError as error:
+            failed[what] = error
+    if failed:
+        cause = next(iter(failed.values()))
+        raise FileError(f'{cause}; the report lacks: {", ".join(failed)}') from cause
     return result
 
 
