@@ -72,7 +72,7 @@ def test_captions_name_the_seeds_that_are_shown_and_that_are_not(tmp_path: Path)
     laps = [lap('rstdp', seed=seed, error_m=0.01 * seed) for seed in (1, 2, 3)]
     laps.append(lap('rstdp', seed=9, completed=False))
     laps.append(lap('braitenberg', seed=4))
-    _, left_out = draw_figures(Runs(laps=laps), tmp_path, lambda what: None)
+    left_out = draw_figures(Runs(laps=laps), tmp_path, lambda what: None).left_out
     [caption] = [each.what for each in left_out if each.what.startswith('Deviation')]
     assert caption == (
         'Deviation over the first lap, scenario 1, outer lane. '
@@ -87,7 +87,7 @@ def test_settings_and_courses_without_room_are_named(tmp_path: Path) -> None:
     laps = [lap('rstdp', setting=f'c_r {number}') for number in range(11)]
     laps += [lap('rstdp', scenario=scenario) for scenario in ('a', 'b', 'c', 'd')]
     laps.append(lap('rstdp', scenario='random courses'))
-    _, left_out = draw_figures(Runs(laps=laps), tmp_path, lambda what: None)
+    left_out = draw_figures(Runs(laps=laps), tmp_path, lambda what: None).left_out
     named = [each for each in left_out if 'first lap' not in each.what]
     why = '3 figures for a scenario and lane; the table has it'
     # The first figure has one drive, of the first setting; the others four each.

@@ -105,6 +105,9 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> Figures:
                 unwritten[each.name] = error
         except KeyError as error:
             left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
+        except (ArithmeticError, TypeError, ValueError) as error:
+            # A file of one run is damaged: it must not cost the report of all others.
+            left_out.append(LeftOut(each.caption, f'a run with values of a wrong kind: {error}'))
     return Figures(drawn, left_out + list(missing(runs)), unwritten)
 
 
