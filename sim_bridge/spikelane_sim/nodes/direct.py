@@ -14,6 +14,7 @@ import traceback
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -22,6 +23,8 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from spikelane_sim.errors import MessageError, SpikelaneError
+
+_EVENTS_PERIOD_S = 1.0
 
 
 class NotForExecutors(CallbackGroup):
@@ -43,13 +46,26 @@ class NotForExecutors(CallbackGroup):
 
 
 def serve_events(node: Node, subscription: Subscription) -> None:
-    """Let the executor serve a direct subscription's events, as it does any other's.
+    """Look once a second for a direct subscription's events, and call their callbacks.
 
-    The warning that a publisher's quality of service does not match is one of them.
+    The warning that a publisher's quality of service does not match is one of them. An executor
+    must not wait for them: in Fast DDS the condition of an event is that of its reader, so that
+    every message would wake the executor, again and again until the message is taken.
     """
-    for handler in subscription.event_handlers:
-        handler.callback_group = node.default_callback_group
-        node.default_callback_group.add_entity(handler)
+
+    def look() -> None:
+        for handler in subscription.event_handlers:
+            try:
+                handler._ready_to_take_data = True
+                found = handler.take_data()
+            except _rclpy.InvalidHandle:  # the subscription was replaced by another one
+                timer.cancel()
+                return
+            if found is not None and getattr(found, 'total_count_change', 1):
+                handler.callback(found)
+
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    timer = node.create_timer(_EVENTS_PERIOD_S, look, clock=steady)
 
 
 class DirectSubscriptions:
