@@ -136,7 +136,7 @@ class Braitenberg:
     Attributes:
         neurons: Names of the neurons.
         spikes: How often each of them fired in the last step.
-        operations: Of the last step.
+        operations: Operations of the last step.
         weights_pa: Weights [pA], (2, n_inputs).
     """
 

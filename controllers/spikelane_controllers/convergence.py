@@ -43,9 +43,9 @@ def rate_errors(
 
     Args:
         network: Normalised weights.
-        values: Of the inputs, from 0 to 1, (n, n_inputs); each row is simulated from rest.
+        values: Values of the inputs, from 0 to 1, (n, n_inputs); each row is simulated from rest.
         durations_ms: When to compare, increasing.
-        parameters: Of the neurons.
+        parameters: Parameters of the neurons.
         rng: Where the input spikes come from.
 
     Returns:

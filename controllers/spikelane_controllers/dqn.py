@@ -52,9 +52,10 @@ class Dqn:
     Attributes:
         learning: Whether it explores and learns.
         action: Held at present, an index of `task.ACTIONS`.
-        reward: Of the last action that ended, NaN where none has or the distance is not known.
+        reward: Reward of the last action that ended, NaN where none has or the distance is not
+            known.
         actions: Actions that have ended since the weights were initialised.
-        operations: Of the last step: none while an action is held.
+        operations: Operations of the last step: none while an action is held.
         counts: Events that the last state was made of, (rows, columns).
     """
 

@@ -74,8 +74,9 @@ def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:
     Unless `event_value` is set, values are on average those of the training.
 
     Args:
-        parameters: Of the controller.
-        scale: Of the training: there a count over scale.frames steps is divided by its maximum.
+        parameters: Parameters of the controller.
+        scale: Scale of the training, in which a count over scale.frames steps is divided by its
+            maximum.
     """
     return parameters.event_value or scale.frames / (parameters.encoding.frames * scale.maximum)
 
@@ -100,9 +101,9 @@ class DqnSnn:
     Attributes:
         neurons: Names of the output neurons, one for each action.
         spikes: How often each of them fired in the last step.
-        operations: Of the last step.
+        operations: Operations of the last step.
         action: The last action, an index of `neurons`; -1 before the first step.
-        traces: Of the actions, (n_actions,).
+        traces: Traces of the actions, (n_actions,).
     """
 
     parameters_class: ClassVar[type[DqnSnnParameters]] = DqnSnnParameters

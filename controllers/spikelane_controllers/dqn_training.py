@@ -59,7 +59,7 @@ class DqnTraining(Training):
 
     Attributes:
         controller: What learns.
-        outcomes: Of all episodes, as `terminations`.
+        outcomes: Outcomes of all episodes, as `terminations`.
     """
 
     parameters_class: ClassVar[type[TrainingParameters]] = DqnTrainingParameters

@@ -62,7 +62,7 @@ def gather_states(
         simulator: Where to drive.
         policy: What drives.
         parameters: How many states, and how they are met.
-        seed: Of the simulator, and of the random actions.
+        seed: Seed of the simulator, and of the random actions.
         show: Called after every action.
 
     Returns:

@@ -30,7 +30,7 @@ class Host:
 
         Args:
             controller: Answers.
-            seed: Of its randomness.
+            seed: Seed of its randomness.
         """
         self._controller = controller
         self._seed = seed

@@ -74,7 +74,7 @@ class IntegrateAndFireParameters(Parameters):
 
     @property
     def probability(self) -> float:
-        """Of a spike in a time step, of an input of value 1."""
+        """Probability of a spike of an input of value 1 in a time step."""
         return self.max_rate_hz * self.step_ms / 1000
 
 
@@ -107,7 +107,7 @@ def input_spikes(
     its probability.
 
     Args:
-        values: Of the inputs, from 0 to 1, (n_inputs,).
+        values: Values of the inputs, from 0 to 1, (n_inputs,).
         parameters: Time and rate.
         rng: Where the numbers come from.
 
@@ -127,7 +127,7 @@ class IntegrateAndFire:
 
     Args:
         network: Weights in units of mV, normalised: no sum of positive ones is above 1.
-        parameters: Of the neurons.
+        parameters: Parameters of the neurons.
     """
 
     def __init__(
@@ -146,8 +146,8 @@ class IntegrateAndFire:
 
         Args:
             potentials: At the window's start.
-            spikes: Of the inputs in it, in the order of time steps; sources are below n_inputs,
-                which is not checked.
+            spikes: Spikes of the inputs in it, in the order of time steps; sources are below
+                n_inputs, which is not checked.
             steps: Length of the window [time steps], None for that of a step of the simulator.
 
         Returns:

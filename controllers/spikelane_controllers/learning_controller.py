@@ -80,7 +80,7 @@ def check_learning_parameters(name: str, specs: Mapping[str, ParameterSpec]) -> 
 
     Args:
         name: In the controllers' registry.
-        specs: Of its parameters, by name.
+        specs: Specifications of its parameters, by name.
 
     Raises:
         ParameterError: It lacks one; the message says which.

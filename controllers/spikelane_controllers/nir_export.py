@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 NIR_VERSION = '1.0.8'
 
-#: Of the metadata, as `docs/nir.md` describes it.
+#: Version of the metadata, as `docs/nir.md` describes it.
 FORMAT_VERSION = 1
 
 
@@ -90,7 +90,7 @@ def export_nir(path: Path, parameters: DqnSnnParameters) -> nir.NIRGraph:
 
     Args:
         path: File to write; `nir.read` reads it.
-        parameters: Of the controller.
+        parameters: Parameters of the controller.
 
     Raises:
         CheckpointError: The controller's network cannot be read.

@@ -44,8 +44,8 @@ def largest_input(weights: Weights, bias: Weights | None = None) -> float:
     """Return the largest sum of positive weights of any neuron, a positive bias counted.
 
     Args:
-        weights: Of a layer, (n_neurons, n_inputs).
-        bias: Of its neurons, (n_neurons,), or None.
+        weights: Weights of a layer, (n_neurons, n_inputs).
+        bias: Biases of its neurons, (n_neurons,), or None.
     """
     sums = np.maximum(weights, 0).sum(axis=1, dtype=np.float64)
     if bias is not None:

@@ -41,7 +41,7 @@ class QLearning:
     Attributes:
         steps: Transitions learnt from, one for each action.
         updates: Times the network was changed.
-        loss: Of the last update, NaN before the first.
+        loss: Loss of the last update, NaN before the first.
         network: What was learnt; not to be written to.
     """
 
@@ -99,7 +99,7 @@ class QLearning:
             action: The action.
             reward: What it brought.
             next_state: Where it led.
-            rng: Of the transitions drawn for an update.
+            rng: Draws the transitions for an update.
             is_final: Whether the task has failed there; not for an episode that is merely long.
         """
         self._replay.add(state, action, reward, next_state, is_final=is_final)
@@ -168,7 +168,7 @@ class QLearning:
             errors: By how much, (n, 1).
         """
         size = len(errors)
-        # Of the error, with respect to a layer's outputs before rectification; last layer first.
+        # Slopes of the error over a layer's outputs before rectification; last layer first.
         slopes = torch.zeros_like(values[-1][:size]).scatter_(1, actions, errors * (2 / size))
         for inputs, weights, by_weights, by_biases in zip(
             values[-2::-1],

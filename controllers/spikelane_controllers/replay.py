@@ -26,7 +26,7 @@ class Replay:
 
     Args:
         size: How many it keeps.
-        n_inputs: Of a state.
+        n_inputs: Number of inputs in a state.
     """
 
     def __init__(self, size: int, n_inputs: int) -> None:

@@ -147,7 +147,7 @@ class RStdp:
         spikes: How often each of them fired in the last step.
         reward: Reward of the last step, that of the right neuron's synapses; the left one's is its
             negative. NaN where the observation had no lane distance.
-        operations: Of the last step, learning not counted.
+        operations: Operations of the last step, learning not counted.
         learning: Whether the weights change.
     """
 

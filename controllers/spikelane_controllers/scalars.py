@@ -24,7 +24,7 @@ class ScalarLog:
         """Begin, or go on where the training stands.
 
         Args:
-            folder: Of the log; made when there is something to write.
+            folder: Folder of the log; made when there is something to write.
             training: Begun or resumed; tells of its episodes from here on.
             now_s: A clock [s].
         """

@@ -89,7 +89,7 @@ def records(facts: Mapping[str, Any], name: str, cls: type[RecordT]) -> list[Rec
 
     Args:
         facts: The facts.
-        name: Of the list of records.
+        name: Name of the list of records.
         cls: A NamedTuple, whose annotations say what its fields are.
 
     Raises:
@@ -128,7 +128,7 @@ def array(
 
     Args:
         state: The state.
-        name: Of the array.
+        name: Name of the array.
         dtype: Its type.
         shape: Lengths of its axes, None for any length.
 

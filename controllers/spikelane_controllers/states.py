@@ -52,7 +52,7 @@ class StateStore:
         """Prepare a store.
 
         Args:
-            path: Of the file.
+            path: Path of the file.
             shape: Rows and columns of a state.
         """
         self._path = path
@@ -115,7 +115,7 @@ def read_states(path: Path) -> States:
     """Read the states met in a training.
 
     Args:
-        path: Of the file, or of the training's folder.
+        path: Path of the file, or of the training's folder.
 
     Returns:
         Counts, (n, rows, columns).

@@ -34,7 +34,7 @@ from spikelane_sim.contract import (
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
 
-#: Of the names of the controller's arrays in a checkpoint.
+#: Prefix of the names that the controller's arrays have in a checkpoint.
 _PREFIX = 'controller.'
 
 
@@ -77,7 +77,7 @@ class Training:
     Attributes:
         controller: What learns.
         steps: Steps driven, as the class counts them.
-        terminations: Of all episodes.
+        terminations: Terminations of all episodes.
         on_episode: Called after each episode.
     """
 
@@ -94,9 +94,9 @@ class Training:
         """Prepare a training.
 
         Args:
-            name: Of the controller, in the registry.
+            name: Name of the controller, in the registry.
             controller: Just made.
-            parameters: Of the training.
+            parameters: Parameters of the training.
             config: What determines it, of JSON's kinds; kept in checkpoints and compared by
                 `resume`.
             checkpoint: File of the checkpoints, ending in .safetensors.
@@ -111,7 +111,7 @@ class Training:
         self._checkpoint = checkpoint
         self._start = Start(None, 1)
         self._distance_m = 0.0  # at the last step
-        # Of this episode, left and right in turn; a list of pairs would take long to be saved.
+        # This episode's answers, left and right in turn; a list of pairs would take long to save.
         self._answers = array('d')
         self._n_replayed = 0
         self._needs_reset = False

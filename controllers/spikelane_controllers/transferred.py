@@ -21,7 +21,7 @@ from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 
 CONTROLLER = 'dqn_snn'
 
-#: Of a checkpoint's arrays: the weights as they were trained, and as they spike.
+#: Prefixes of a checkpoint's arrays: the weights as trained, and those of the spiking network.
 _TRAINED, _SPIKING = 'ann', 'network'
 
 
@@ -65,7 +65,7 @@ def read_transferred(name: str, inputs: int, outputs: int) -> Transferred:
     """Read the network of a transfer that spikes.
 
     Args:
-        name: Of shipped ones, or path of a transfer's folder or of a checkpoint.
+        name: Name of shipped ones, or path of a transfer's folder or of a checkpoint.
         inputs: How many the network must have.
         outputs: How many it must have.
 
@@ -102,7 +102,7 @@ def export_transferred(checkpoint: Path, path: Path, command: str) -> None:
     if not isinstance(config.get('checkpoint'), str):
         raise CheckpointChoiceError(f'{checkpoint}: expected the checkpoint of a transfer')
     spiking = {name: each for name, each in arrays.items() if name.startswith(f'{_SPIKING}.')}
-    # Of the machine it was made on, only the folder's name is of interest.
+    # The path on the machine that made it is of no use elsewhere: only the folder's name is kept.
     config |= {'checkpoint': Path(config['checkpoint']).name}
     write_checkpoint(path, CONTROLLER, spiking, {**facts, 'config': config, 'command': command})
 

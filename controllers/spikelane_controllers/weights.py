@@ -42,7 +42,7 @@ def find_checkpoint(controller: str, name: str) -> Path:
 
     Args:
         controller: Name of the controller.
-        name: Of shipped weights, or path of a training's folder or of a checkpoint.
+        name: Name of shipped weights, or path of a training's folder or of a checkpoint.
 
     Raises:
         CheckpointError: There is neither.

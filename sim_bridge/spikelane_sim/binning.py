@@ -123,7 +123,7 @@ def scale_events(events: Events, crop: Crop, to_width: int, to_height: int) -> E
     """Return the events inside a part of the image, scaled to another size.
 
     Args:
-        events: Of the whole image, (N,).
+        events: Events of the whole image, (N,).
         crop: The part.
         to_width: Columns of the result [px].
         to_height: Rows of the result [px].
@@ -145,11 +145,11 @@ def first_per_pixel(events: Events, width: int, height: int) -> Events:
     numbers = np.arange(len(events))
     first = np.empty(width * height, np.int64)
     first[pixels[::-1]] = numbers[::-1]  # of several values, the last one stays
-    kept: Events = events[first[pixels] == numbers]
-    return kept
+    first_events: Events = events[first[pixels] == numbers]
+    return first_events
 
 
-class Bins:
+class StepBinning:
     """The steps of one camera; where its time jumps they begin anew."""
 
     def __init__(

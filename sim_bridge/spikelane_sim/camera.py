@@ -160,7 +160,7 @@ class Camera:
         """Return the image of the ground.
 
         Args:
-            pose: Of the body: x, y, z [m] and quaternion x, y, z, w, (7,).
+            pose: Pose of the body: x, y, z [m] and quaternion x, y, z, w, (7,).
             out: Image to draw into, (H, W); a new one where there is none.
 
         Returns:

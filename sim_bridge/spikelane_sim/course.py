@@ -90,7 +90,8 @@ class Lane:
 
     Attributes:
         name: Its name in the course's file.
-        offset_m: Of its centre, to the right of the road's centre line along the chain.
+        offset_m: Distance of its centre from the road's centre line [m]; right of it is positive,
+            seen along the chain.
         against: Whether it is driven against the chain's direction.
         centre: The curve along its centre, in its direction, from position 0.
         sections: The sections in the order they are driven.
@@ -247,7 +248,7 @@ def load_course(name_or_path: str) -> Course:
     """Load a shipped course by name, a course file by path, or a random course by its seed.
 
     Args:
-        name_or_path: Of `available_courses`, a path, or 'random:SEED' (`random_course.py`).
+        name_or_path: A name of `available_courses`, a path, or 'random:SEED' (`random_course.py`).
 
     Raises:
         CourseError: There is no such course, the file cannot be read, or what it describes

@@ -42,10 +42,10 @@ class EncodingParameters(Parameters):
         return self.width // self.cell
 
     def _check_relations(self) -> None:
-        kept = self.height - self.crop_top - self.crop_bottom
-        if kept < 1 or kept % self.cell or self.width % self.cell:
+        rows_left = self.height - self.crop_top - self.crop_bottom
+        if rows_left < 1 or rows_left % self.cell or self.width % self.cell:
             raise ParameterError(
-                f'cell: expected cells that fill the {self.width} x {kept} px left after '
+                f'cell: expected cells that fill the {self.width} x {rows_left} px left after '
                 f'cropping, got {self.cell} px'
             )
 

@@ -16,8 +16,8 @@ class SpikelaneError(ValueError):
     The message is made one line, whatever is in the names and values that it has from files.
 
     Attributes:
-        exit_status: Of a command that ends because of it: 2, wrong use; 1 for what failed though
-            the command was right.
+        exit_status: Status of a command that ends with it: 2 for wrong use, 1 for what failed
+            though the command was right.
     """
 
     exit_status = 2

@@ -44,7 +44,7 @@ class ParameterSpec:
         high: Largest allowed value, None for no bound.
         choices: Allowed texts, empty for any.
         source: Where the default comes from (a place in the paper), empty for our own choice.
-        item: Of a list, what it is of: float or str.
+        item: Type of a list's items: float or str.
     """
 
     name: str

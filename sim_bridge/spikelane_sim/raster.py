@@ -81,7 +81,7 @@ def render(
         floor: Intensity of the floor.
         marking: Intensity of the markings.
         lens: The camera, see above, (12,).
-        pose: Of the body: x, y, z [m], quaternion x, y, z, w, (7,).
+        pose: Pose of the body: x, y, z [m], quaternion x, y, z, w, (7,).
         n_rows: Scanlines per row of pixels; 1 for no anti-aliasing.
         image: Is overwritten, (H, W).
     """

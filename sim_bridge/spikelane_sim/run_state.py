@@ -23,12 +23,12 @@ class Publish(NamedTuple):
 
     Attributes:
         observation: Publishes an observation; the flag is false where it was published before.
-        is_heard: Whether all those are there who must not miss an observation.
+        has_subscribers: Whether all those are there who must not miss an observation.
         has_controller: Whether anybody could answer.
     """
 
     observation: Callable[[Observation, bool], None]
-    is_heard: Callable[[], bool]
+    has_subscribers: Callable[[], bool]
     has_controller: Callable[[], bool]
 
 

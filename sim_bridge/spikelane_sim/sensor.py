@@ -17,7 +17,7 @@ another size and a clock of its own:
    evt3 or libcaer_cmp without events. Steps without events are steps too, so that a controller
    goes on answering before a still scene. Where no packet comes at all there are no steps: the
    controller does not answer, and what it answered last holds for as long as the robot lets it.
-5. Of a pixel's events in a step only the first is kept, since the simulated pixel that
+5. Only the first of a pixel's events in a step is kept, since the simulated pixel that
    controllers are made for fires at most once in a step.
 
 All this begins anew, and what is gathered of a step is dropped, where
@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numba
 
-from spikelane_sim.binning import Bins, Crop, find_crop, SensorParameters, SensorStep
+from spikelane_sim.binning import Crop, find_crop, SensorParameters, SensorStep, StepBinning
 from spikelane_sim.codecs import decode_packet, DecodedPacket
 from spikelane_sim.codecs.payload import Buffer, check_packet
 from spikelane_sim.contract import STEP_NS
@@ -72,7 +72,7 @@ class Sensor:
         off: Events decoded that say darker.
         sum_x: Sum of the columns of the events decoded [px].
         sum_y: Sum of their rows [px].
-        kept: Events in the steps given.
+        events_in_steps: Events in the steps that were returned.
         is_camera: Whether packets are taken as a camera's; None before the first.
     """
 
@@ -114,12 +114,12 @@ class Sensor:
         self._on_fault, self._on_loss = on_fault, on_loss
         self._source = ('', 0, 0)  # encoding, width, height
         self._stamp_ns = self._sequence = 0
-        self._bins: Bins | None = None
+        self._binning: StepBinning | None = None
         self._restarts: Counter[str] = Counter()  # by reason
         self._faults: Counter[str] = Counter()  # by the first reason of each kind
         self.packets = self.lost = self.faulty = 0
         self.reserved = self.outside = self.mistimed = 0
-        self.on = self.off = self.sum_x = self.sum_y = self.kept = 0
+        self.on = self.off = self.sum_x = self.sum_y = self.events_in_steps = 0
         self.is_camera: bool | None = None
 
     @property
@@ -163,16 +163,19 @@ class Sensor:
         """
         reason = self._reason_to_begin(packet)
         if reason is not None:
-            if self._bins is not None and self._bins.has_begun:
+            if self._binning is not None and self._binning.has_begun:
                 self._restarts[reason] += 1
             self._begin(packet)
         elif packet.sequence > self._sequence + 1:
             self._lose(packet.sequence - self._sequence - 1)
         self._stamp_ns, self._sequence = max(packet.stamp_ns, self._stamp_ns), packet.sequence
         self.packets += 1
-        steps = self._simulated(packet) if self._bins is None else self._binned(self._bins, packet)
+        if self._binning is None:
+            steps = self._simulator_steps(packet)
+        else:
+            steps = self._camera_steps(self._binning, packet)
         for step in steps:
-            self.kept += len(step.events)
+            self.events_in_steps += len(step.events)
         return steps
 
     def _reason_to_begin(self, packet: ReceivedPacket) -> str | None:
@@ -197,14 +200,14 @@ class Sensor:
         self.is_camera = source == 'camera' or (
             source == 'auto' and not self._has_lane and not is_step
         )
-        self._bins = None
+        self._binning = None
         size = packet.width, packet.height
         has_size = all(size)  # none at all is for the decoder to complain about
         if self.is_camera:
             crop = Crop(0, 0, 1, 1)
             if has_size:
                 crop = find_crop(packet.width, packet.height, self.parameters, *self._size)
-            self._bins = Bins(self.parameters, crop, *self._size, self._restarts)
+            self._binning = StepBinning(self.parameters, crop, *self._size, self._restarts)
         elif has_size and size != self._size and not self._any_size:
             raise ParameterError(
                 f"event packets: expected a simulator's image of {self._size[0]} x "
@@ -214,17 +217,17 @@ class Sensor:
 
     def _lose(self, count: int) -> None:
         self.lost += count
-        if self._bins is not None:
-            self._bins.decoder.resynchronise()
+        if self._binning is not None:
+            self._binning.decoder.resynchronise()
         self._on_loss(count)
 
-    def _simulated(self, packet: ReceivedPacket) -> list[SensorStep]:
+    def _simulator_steps(self, packet: ReceivedPacket) -> list[SensorStep]:
         decoded = self._decoded(decode_packet, packet)
         return [SensorStep(packet.stamp_ns, no_events() if decoded is None else decoded.events)]
 
-    def _binned(self, bins: Bins, packet: ReceivedPacket) -> list[SensorStep]:
-        decoded = self._decoded(bins.decoder.decode_packet, packet)
-        return [] if decoded is None else bins.add(decoded, packet.stamp_ns)
+    def _camera_steps(self, binning: StepBinning, packet: ReceivedPacket) -> list[SensorStep]:
+        decoded = self._decoded(binning.decoder.decode_packet, packet)
+        return [] if decoded is None else binning.add(decoded, packet.stamp_ns)
 
     def _decoded(
         self, decode: Callable[..., DecodedPacket], packet: ReceivedPacket

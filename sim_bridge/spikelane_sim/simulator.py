@@ -67,7 +67,7 @@ class EpisodeParameters(Parameters):
     )
 
 
-#: Of the ground in a step of 50 ms; images of so many pixels have half a gigabyte.
+#: Most samples of the ground in a step of 50 ms; images with so many pixels take half a gigabyte.
 MOST_SAMPLES = 2**27
 
 
@@ -96,7 +96,7 @@ class SimulatorParameters(Parameters):
         )
 
 
-class _Farthest(NamedTuple):
+class _FurthestProgress(NamedTuple):
     """The last progress along the lane that counted as progress, and when it was reached."""
 
     progress_m: float
@@ -136,7 +136,7 @@ class Simulator:
         self._seed = 0
         self._episode = 0
         self._lane_state: LaneState | None = None
-        self._farthest = _Farthest(0.0, 0)
+        self._furthest = _FurthestProgress(0.0, 0)
 
     def __enter__(self) -> Simulator:
         """Return the simulator; leaving the block closes it."""
@@ -249,7 +249,7 @@ class Simulator:
         self._pixels.reset(simulator_rng(self._seed, self._episode))
         self._link.reset(link_rng(self._seed, self._episode))
         self._lane_state = self._lane_state_at_start(lane)
-        self._farthest = _Farthest(0.0, 0)
+        self._furthest = _FurthestProgress(0.0, 0)
         return self._observe(self._pose_now()[None])
 
     def step(self, wheels: WheelVelocities) -> Observation:
@@ -269,8 +269,8 @@ class Simulator:
         progress_m = advance(lane.length_m, last.position_m, point.position_m, last.progress_m)
         laps = max(last.laps, math.floor(progress_m / lane.length_m))
         step = last.step + 1
-        if progress_m >= self._farthest.progress_m + self.parameters.episode.min_progress_m:
-            self._farthest = _Farthest(progress_m, step)
+        if progress_m >= self._furthest.progress_m + self.parameters.episode.min_progress_m:
+            self._furthest = _FurthestProgress(progress_m, step)
         reason = self._reason_to_end(abs(point.distance_m), laps, step)
         self._lane_state = LaneState(
             lane=last.lane,
@@ -338,7 +338,7 @@ class Simulator:
             return TERMINATED_LAPS_COMPLETE
         if limits.max_steps and step >= limits.max_steps:
             return TERMINATED_STEP_LIMIT
-        if limits.no_progress_steps and step - self._farthest.step >= limits.no_progress_steps:
+        if limits.no_progress_steps and step - self._furthest.step >= limits.no_progress_steps:
             return TERMINATED_NO_PROGRESS
         return ''
 

@@ -48,8 +48,8 @@ class Stepper:
         Args:
             simulator: What is stepped.
             publish: Where observations go.
-            seed: Of the first sequence of episodes, and of each after a full reset.
-            lane: Of the first episode, and of each after a full reset; None for the course's
+            seed: Seed of the first sequence of episodes, and of each after a full reset.
+            lane: Lane of the first episode, and of each after a full reset; None for the course's
                 first.
             hold_ns: How long a command holds [ns of simulation time] in real time, at least for
                 one step; None for lockstep.
@@ -96,7 +96,7 @@ class Stepper:
             return self._hold_ns is None and self._may_step and self._answer is None
 
     @property
-    def is_unheard(self) -> bool:
+    def lacks_subscribers(self) -> bool:
         """Whether an observation is not out yet, since not all are there who must hear it."""
         with self._lock:
             return self._observation is not None and not self._is_published
@@ -357,7 +357,7 @@ class Stepper:
         observation = self._observation
         if observation is None or self._state is RunState.QUITTING:
             return
-        if not (self._is_published or self._publish.is_heard()):
+        if not (self._is_published or self._publish.has_subscribers()):
             return
         is_new, self._is_published = not self._is_published, True
         self._publish.observation(observation, is_new)

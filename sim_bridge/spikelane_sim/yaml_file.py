@@ -22,7 +22,7 @@ def read_yaml(path: Path, what: str, error: type[SpikelaneError]) -> YamlValue:
         error: What is raised, by the value returned too.
 
     Raises:
-        SpikelaneError: Of that class: the file cannot be read, or is not YAML.
+        SpikelaneError: The file cannot be read, or is not YAML; an error of the class given.
     """
     try:
         tree = compose_yaml_file(path)
@@ -34,7 +34,7 @@ def read_yaml(path: Path, what: str, error: type[SpikelaneError]) -> YamlValue:
     return YamlValue(tree, str(path), '', error)
 
 
-#: Of a whole number; Python refuses to read more than some thousand.
+#: Most digits of a whole number; Python refuses to read more than some thousand.
 _MOST_DIGITS = 30
 
 
@@ -43,7 +43,7 @@ class YamlValue:
 
     Attributes:
         where: The file.
-        name: Of the value in the file, `lanes.outer.start`; '' for all of it.
+        name: Name of the value in the file, `lanes.outer.start`; '' for all of it.
     """
 
     def __init__(self, node: Any, where: str, name: str, error: type[SpikelaneError]) -> None:

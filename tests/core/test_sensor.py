@@ -79,7 +79,7 @@ def test_a_packet_may_span_many_steps() -> None:
     assert sensor.on == 11
     # Of the one pixel's three, two, three, two events one is left.
     assert [len(step.events) for step in steps] == [1, 1, 1, 1]
-    assert sensor.kept == 4
+    assert sensor.events_in_steps == 4
 
 
 def test_a_step_keeps_the_first_event_of_each_pixel() -> None:

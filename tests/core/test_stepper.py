@@ -25,7 +25,7 @@ class World:
     def __init__(self) -> None:
         self.published: list[tuple[int, bool]] = []
         self.observations: list[Observation] = []
-        self.is_heard = True
+        self.has_subscribers = True
         self.has_controller = True
 
     def publish(self, observation: Observation, is_new: bool) -> None:
@@ -74,7 +74,7 @@ def realtime(simulator: Simulator, world: World) -> Stepper:
 
 def make_stepper(simulator: Simulator, world: World, hold_ns: int | None = None) -> Stepper:
     """Make a stepper that publishes to that world."""
-    publish = Publish(world.publish, lambda: world.is_heard, lambda: world.has_controller)
+    publish = Publish(world.publish, lambda: world.has_subscribers, lambda: world.has_controller)
     return Stepper(simulator, publish, seed=9, hold_ns=hold_ns)
 
 
@@ -182,14 +182,14 @@ def test_a_wrong_reset_changes_nothing(stepper: Stepper, world: World) -> None:
 
 def test_nothing_is_published_until_all_hear_it(stepper: Stepper, world: World) -> None:
     """And who is told of the first observation waits as well."""
-    world.is_heard = False
+    world.has_subscribers = False
     told: list[Observation | None] = []
     stepper.begin(on_published=told.append)
     stepper.audience_changed()
     stepper.command(STEP_NS, AHEAD)
     assert (world.published, told, stepper.ignored_commands) == ([], [], 1)
     assert not stepper.is_waiting
-    world.is_heard = True
+    world.has_subscribers = True
     stepper.audience_changed()
     assert (world.published, told) == ([(1, True)], world.observations)
     stepper.command(STEP_NS, AHEAD)
@@ -198,7 +198,7 @@ def test_nothing_is_published_until_all_hear_it(stepper: Stepper, world: World) 
 
 def test_who_waits_for_an_episode_that_never_shows_is_told(stepper: Stepper, world: World) -> None:
     """Of none, when another begins or all stops; a wrong reset replaces nothing."""
-    world.is_heard = False
+    world.has_subscribers = False
     told: dict[str, list[Observation | None]] = {'first': [], 'second': [], 'third': []}
     stepper.begin('inner', on_published=told['first'].append)
     with pytest.raises(SpikelaneError):
@@ -210,7 +210,7 @@ def test_who_waits_for_an_episode_that_never_shows_is_told(stepper: Stepper, wor
     stepper.stop()
     assert told['second'] == [None, None]
     stepper.begin(on_published=told['third'].append)
-    world.is_heard = True
+    world.has_subscribers = True
     stepper.audience_changed()
     assert told == {'first': [None], 'second': [None] * 2, 'third': world.observations}
 
@@ -237,10 +237,10 @@ def test_the_simulation_waits_for_a_listener_that_went_away(
 ) -> None:
     """The step is taken, its observation held back."""
     stepper.begin()
-    world.is_heard = False
+    world.has_subscribers = False
     stepper.command(STEP_NS, AHEAD)
     assert (stepper.steps, world.published) == (1, [(1, True)])
-    world.is_heard = True
+    world.has_subscribers = True
     stepper.audience_changed()
     assert world.published == [(1, True), (2, True)]
 

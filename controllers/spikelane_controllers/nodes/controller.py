@@ -79,8 +79,8 @@ class ControllerNodeParameters(Parameters):
     )
     reliability: str = parameter(
         'auto',
-        'Of the subscription to event_camera/events. auto: reliable, so that nothing is lost, but '
-        'best_effort where a publisher is, as the drivers of cameras are.',
+        'Reliability of the subscription to event_camera/events. auto: reliable, so that nothing '
+        'is lost, but best_effort where a publisher is, as the drivers of cameras are.',
         choices=tuple(RELIABILITIES),
     )
     sensor: SensorParameters = nested(SensorParameters)
@@ -349,8 +349,8 @@ class ControllerNode(Node):
 
     def _publish_answer(self) -> None:
         count = self._wheels.get_subscription_count()
-        is_heard = count >= self._settings.wait_for_subscribers and not self._window.is_full
-        if self._is_answered and is_heard:
+        has_subscribers = count >= self._settings.wait_for_subscribers
+        if self._is_answered and has_subscribers and not self._window.is_full:
             self._audience.reach(count)
             if not self._is_sent and self._states.get_subscription_count():
                 self._publish_state(self._lane)

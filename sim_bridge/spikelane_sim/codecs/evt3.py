@@ -181,14 +181,21 @@ def decode(
     events = np.empty(room, EVENT_RECORD)
     # Tuples of numbers, for the compiler keeps these in registers.
     clock, place = (state[0], state[1], state[2]), (state[3], state[4], state[5])
-    n, reserved, outside, latest_us, told_us, is_in_order = 0, 0, 0, NO_TIME, NO_TIME, True
+    n, reserved, outside, latest_us, last_time_word_us, is_in_order = (
+        0,
+        0,
+        0,
+        NO_TIME,
+        NO_TIME,
+        True,
+    )
     for i in range(len(data) // 2):
         word = uint_at(data, 2 * i, 2)
         code, value = word >> 12, word & 0xFFF
         if code in (TIME_LOW, TIME_HIGH):
             clock = _tick(clock, code, value)
             # The low part that belongs to a TIME_HIGH is yet to come.
-            told_us = clock[1] | (clock[2] if code == TIME_LOW else 0)
+            last_time_word_us = clock[1] | (clock[2] if code == TIME_LOW else 0)
             continue
         place, x, on, mask = _look(place, code, value)
         reserved += mask < 0
@@ -207,9 +214,9 @@ def decode(
             mask, x = mask >> 1, x + 1
     state[0], state[1], state[2] = clock
     state[3], state[4], state[5] = place
-    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
-    told_us = told_us if clock[0] != _STANDS else NO_TIME
-    return kept, FINE, reserved, outside, n - len(kept), told_us
+    ordered = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    last_time_word_us = last_time_word_us if clock[0] != _STANDS else NO_TIME
+    return ordered, FINE, reserved, outside, n - len(ordered), last_time_word_us
 
 
 @numba.njit(cache=True)

@@ -48,5 +48,5 @@ def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) 
         latest_us = t_us
         put_event(events, n, time_base_ns + t_us * 1000, x, y, address >> 1 & 1)
         n += 1
-    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
-    return kept, FINE, 0, outside, len(events) - outside - len(kept), NO_TIME
+    ordered = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return ordered, FINE, 0, outside, len(events) - outside - len(ordered), NO_TIME

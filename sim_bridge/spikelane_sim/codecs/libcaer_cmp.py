@@ -60,12 +60,12 @@ def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) 
                 outside += 1
             mask >>= 1
             y += 1
-    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
-    return kept, FINE, reserved, outside, n - len(kept), _told(data, state)
+    ordered = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return ordered, FINE, reserved, outside, n - len(ordered), _last_time_word(data, state)
 
 
 @numba.njit(cache=True)
-def _told(data: NDArray[np.uint8], state: NDArray[np.int64]) -> int:
+def _last_time_word(data: NDArray[np.uint8], state: NDArray[np.int64]) -> int:
     """Return the time that the last time word tells [us], after all words are taken in."""
     for i in range(len(data) // 2 - 1, -1, -1):
         code = uint_at(data, 2 * i, 2) >> 12

@@ -85,5 +85,5 @@ def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) 
         latest_ns = t_ns
         put_event(events, n, t_ns, x, y, y_and_on >> 15)
         n += 1
-    kept = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
-    return kept, FINE, 0, len(events) - n, n - len(kept), NO_TIME
+    ordered = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
+    return ordered, FINE, 0, len(events) - n, n - len(ordered), NO_TIME

@@ -122,7 +122,7 @@ def decode_packet(
 ) -> DecodedPacket:
     """Decode a packet by itself; the events keep the packet's order.
 
-    Of the times that agree with the 24 bits of evt3, the first event's is the one nearest to
+    Several times agree with the 24 bits of evt3. The first event's is the one that is nearest to
     the stamp, every other event's the one nearest to the event before. With a simulator's
     packets these are simulation times, wherever simulation time jumps. A camera's clock is not
     the stamp's, so with its packets the times are off, and differently every 16.8 s: use a
@@ -273,13 +273,13 @@ def _decode_from_time_base(
 def _decoded_packet(
     encoding: str, decoded: Decoded, time_base_ns: int, width: int, height: int
 ) -> DecodedPacket:
-    events, fault, reserved, outside, mistimed, told_us = decoded
+    events, fault, reserved, outside, mistimed, last_time_word_us = decoded
     if fault:
         raise fault_error(encoding, fault, 0, width, height)
     is_whole = not (reserved or outside or mistimed)
     dropped = _NOTHING if is_whole else Dropped(reserved, outside, mistimed)
-    if told_us == NO_TIME:
+    if last_time_word_us == NO_TIME:
         return DecodedPacket(events, dropped, None)
     return DecodedPacket(
-        events, dropped, told_us * 1000 + (0 if encoding == 'evt3' else time_base_ns)
+        events, dropped, last_time_word_us * 1000 + (0 if encoding == 'evt3' else time_base_ns)
     )

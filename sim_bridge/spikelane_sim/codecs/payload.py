@@ -162,11 +162,11 @@ def put_in_order(events: Events, back_ns: int) -> Events:
         lowest = min(lowest, events[last].t)
         too_late[last] = events[last].t - lowest > back_ns
     is_left_out = too_early if too_early.sum() <= too_late.sum() else too_late
-    kept = 0
+    n_ordered = 0
     for i in range(n):
         if not is_left_out[i]:
-            t_ns = events[i].t if kept == 0 else max(events[i].t, events[kept - 1].t)
-            events[kept] = events[i]
-            events[kept].t = t_ns
-            kept += 1
-    return events[:kept]
+            t_ns = events[i].t if n_ordered == 0 else max(events[i].t, events[n_ordered - 1].t)
+            events[n_ordered] = events[i]
+            events[n_ordered].t = t_ns
+            n_ordered += 1
+    return events[:n_ordered]

@@ -23,7 +23,7 @@ def warn_of_unused_parameters(node: Node, arguments: Sequence[str]) -> None:
 
     Args:
         node: Has declared all its parameters.
-        arguments: Of its process.
+        arguments: Command-line arguments of its process.
     """
     unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
     if unknown:

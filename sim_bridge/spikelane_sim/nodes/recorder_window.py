@@ -32,8 +32,8 @@ class RecorderWindow:
         self._steps = steps
         self._sent = sent
         self._left = steps
-        # Of topics that nothing has been recorded of: messages sent when they were first listed.
-        self._unheard: dict[str, int] = {}
+        # By topics of which nothing was recorded yet: messages sent when they were first listed.
+        self._unrecorded: dict[str, int] = {}
 
     @property
     def is_used(self) -> bool:
@@ -63,7 +63,7 @@ class RecorderWindow:
         """Take what the recorder has written."""
         written = dict(zip(state.topics, state.sequence_numbers, strict=False))
         ahead = [
-            count - (written[topic] or self._unheard.setdefault(topic, count))
+            count - (written[topic] or self._unrecorded.setdefault(topic, count))
             for topic, count in self._sent().items()
             if topic in written
         ]

@@ -104,7 +104,7 @@ class _Ending:
 
     Attributes:
         node: Whose messages are to arrive before; None where there is none yet.
-        number: Of the signal that came; 0 where none has.
+        number: Number of the signal that came; 0 where none has.
     """
 
     def __init__(self) -> None:

@@ -107,7 +107,7 @@ class SimulatorNode(Node):
             self._simulator,
             Publish(
                 self._publish,
-                self._is_heard,
+                self._has_subscribers,
                 lambda: self.count_publishers('wheel_velocities') > 0,
             ),
             seed=settings.seed,
@@ -180,7 +180,7 @@ class SimulatorNode(Node):
         self._simulator.close()
         super().destroy_node()
 
-    def _is_heard(self) -> bool:
+    def _has_subscribers(self) -> bool:
         """Return whether all are there who must hear an observation, and the recorder keeps up."""
         if self._topics.event_subscribers < self._settings.wait_for_subscribers:
             return False
@@ -224,7 +224,7 @@ class SimulatorNode(Node):
                 f'{self._window.steps_ahead} steps; '
                 f'{self.count_publishers(RECORDER_STATE)} publishers of {RECORDER_STATE} are there'
             )
-        elif self._stepper.is_unheard:
+        elif self._stepper.lacks_subscribers:
             self.get_logger().warning(
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '
                 f'event_camera/events; {self._topics.event_subscribers} are there'

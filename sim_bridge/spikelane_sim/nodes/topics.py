@@ -49,7 +49,7 @@ class SimulatorTopics:
         Args:
             node: The node that publishes.
             simulator: Where the robot's state comes from.
-            encoding: Of the event packets.
+            encoding: Encoding of the event packets.
             depth: Messages kept for a subscriber that is late.
             on_match: Called when a subscriber to the event packets is met or lost, with whether
                 there are some that the last packet has not reached.

@@ -27,7 +27,7 @@ def draw_leak(
 
     Args:
         rng: Where the numbers come from.
-        rate_hz: Of each pixel [1/s].
+        rate_hz: Rate of each pixel [1/s].
         pixels: Number of pixels.
         start_us: Start of the interval, itself excluded [us].
         end_us: End of the interval, included [us].
@@ -50,7 +50,7 @@ def draw_shot(
 
     Args:
         rng: Where the numbers come from.
-        rate_hz: Of each pixel in the dark, ON and OFF together [1/s].
+        rate_hz: Rate of each pixel in the dark, ON and OFF together [1/s].
         bright_factor: What the rate is multiplied by at intensity 1.
         intensity: What the pixels see, (pixels,).
         start_us: Start of the interval, itself excluded [us].
@@ -60,8 +60,8 @@ def draw_shot(
     polarity = (2 * rng.integers(0, 2, len(t_us)) - 1).astype(np.int8)
     # Drawn at the rate in the dark, thinned where it is brighter.
     share = 1.0 + (bright_factor - 1.0) * np.clip(intensity[pixel], 0.0, 1.0)
-    kept = rng.random(len(t_us)) < share
-    return NoiseEvents(t_us[kept], pixel[kept], polarity[kept])
+    does_fire = rng.random(len(t_us)) < share
+    return NoiseEvents(t_us[does_fire], pixel[does_fire], polarity[does_fire])
 
 
 def _draw(

@@ -16,7 +16,7 @@ from spikelane_sim.parameters import nested, parameter, Parameters
 class BalanceParameters(Parameters):
     """What can be set: ROS parameters, YAML and --param are made from it."""
 
-    speed_rad_s: float = parameter(1.0, 'Of both wheels, straight on.', unit='rad/s', low=0.0)
+    speed_rad_s: float = parameter(1.0, 'Speed of both wheels straight on.', unit='rad/s', low=0.0)
     gain_rad_s: float = parameter(
         0.5, 'Turn when all events are on one side.', unit='rad/s', low=0.0
     )

@@ -24,7 +24,7 @@ def generate_launch_description() -> LaunchDescription:
                 'braitenberg,rstdp',
             ),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
-            graph.argument('max_steps', 'Of 50 ms each, to end the laps early; 0: none.', '0'),
+            graph.argument('max_steps', 'Steps of 50 ms that end the laps early; 0: none.', '0'),
             OpaqueFunction(function=start),
         ]
     )

@@ -17,7 +17,7 @@ def generate_launch_description() -> LaunchDescription:
             *graph.run_arguments(),
             *graph.controller_arguments(),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
-            graph.argument('max_steps', 'Of 50 ms each, to end the lap early; 0: none.', '0'),
+            graph.argument('max_steps', 'Steps of 50 ms that end the lap early; 0: none.', '0'),
             OpaqueFunction(function=start),
         ]
     )

@@ -25,8 +25,10 @@ def generate_launch_description() -> LaunchDescription:
                 'browser',
                 ('browser', 'rviz', 'foxglove'),
             ),
-            graph.argument('namespace', 'Of the nodes shown in the browser.', ''),
-            graph.argument('port', 'Of the page, or of the bridge; on this machine alone.', '0'),
+            graph.argument('namespace', 'Namespace of the nodes shown in the browser.', ''),
+            graph.argument(
+                'port', 'Port of the page, or of the bridge; on this machine alone.', '0'
+            ),
             OpaqueFunction(function=start),
         ]
     )

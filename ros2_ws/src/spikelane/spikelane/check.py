@@ -31,7 +31,7 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
     """Check a registered controller.
 
     Args:
-        name: Of the controller, in the registry.
+        name: Name of the controller, in the registry.
         transport: 'inprocess', or 'ros' for both.
         parameters: Its parameters as `name.parameter`; what is absent is default.
 

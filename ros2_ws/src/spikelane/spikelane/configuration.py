@@ -24,12 +24,12 @@ class Configuration:
     """What determines any run.
 
     Attributes:
-        scenario: Of the paper, '1' to '3', or the name or path of another course.
+        scenario: '1' to '3' of the paper, or the name or path of another course.
         controller: Name in the controllers' registry.
-        seed: Of the simulator's and the controller's randomness.
+        seed: Seed of the simulator's and the controller's randomness.
         transport: One of TRANSPORTS.
         simulator: Its parameters.
-        controller_parameters: Of the controller's own class.
+        controller_parameters: Parameters of the controller's own class.
     """
 
     scenario: str
@@ -127,7 +127,7 @@ class Controlled(Protocol):
 
     @property
     def controller_parameters(self) -> Parameters:
-        """Of the controller's own class."""
+        """Parameters of the controller's own class."""
 
 
 def configured_controller(config: Controlled) -> Controller:

@@ -114,7 +114,7 @@ def make_config(
         seed: The first one.
         transport: As in `configure`.
         parameters: As in `lap.make_config`.
-        evaluation: Of `EvaluationParameters`.
+        evaluation: Parameters of `EvaluationParameters`, by name.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
@@ -207,8 +207,8 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
 
     Args:
         config: What was driven.
-        rows: Of each lap its course, lane and seed, what `lap_metrics` says, progress_m, and
-            operations, the fields of `Operations` or None.
+        rows: One row for each lap: its course, lane and seed, what `lap_metrics` says,
+            progress_m, and operations, the fields of `Operations` or None.
 
     Returns:
         Facts of the configuration; `operations`: what the network had to compute, as
@@ -253,7 +253,7 @@ def _operations(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     counted = [Operations(**row['operations']) for row in rows if row.get('operations')]
     if len(counted) < len(rows):
         return None
-    # Of each observation, the one at the reset included.
+    # Every observation counts, the one at the reset included.
     observations = sum(row['steps'] + 1 for row in rows)
     return operations_metrics(sum_operations(counted), observations * STEP_S)
 

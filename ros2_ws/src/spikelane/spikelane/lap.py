@@ -95,7 +95,7 @@ def limit_drive(
     Args:
         simulator: The parameters.
         given: Names of the parameters that were given: their limits are kept.
-        length_m: Of one lap.
+        length_m: Length of one lap.
     """
     episode = simulator.episode
     steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * STEP_S))

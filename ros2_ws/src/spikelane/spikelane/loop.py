@@ -28,7 +28,7 @@ def drive_episode(
         on_step: Called with each observation and its answer, before the next step.
         lane: As in `Simulator.reset`.
         seed: As in `Simulator.reset`.
-        controller_seed: Of the controller's randomness.
+        controller_seed: Seed of the controller's randomness.
 
     Returns:
         The last observation.

@@ -25,7 +25,7 @@ def lap_metrics(trajectory: Trajectory, step_s: float) -> dict[str, Any]:
     """Measure an episode.
 
     Args:
-        trajectory: Of the whole episode.
+        trajectory: Trajectory of the whole episode.
         step_s: Simulated time of a step [s].
 
     Returns:

@@ -120,7 +120,7 @@ class Processes:
         """End children, all at once, the gentle way first.
 
         Args:
-            names: Of children; those that have ended already, or could not be started, are
+            names: Names of children; those that have ended already, or could not be started, are
                 passed over.
         """
         children = [self._children[name] for name in names if name in self._children]

@@ -45,9 +45,9 @@ class ReplayConfig:
         events_topic: Where the events are from; None for the usual topic.
         controller: Name in the controllers' registry.
         scenario: Whose shipped weights a controller has that learns.
-        seed: Of the controller's randomness.
+        seed: Seed of the controller's randomness.
         use_lane_state: Whether the controller is given lane states, and reset by them.
-        controller_parameters: Of the controller's own class.
+        controller_parameters: Parameters of the controller's own class.
         sensor: How event packets become steps.
     """
 
@@ -114,7 +114,7 @@ def make_config(
         parameters: Others than the defaults, as `braitenberg.poisson.max_rate_hz` and
             `sensor.crop_left`.
         scenario: Whose shipped weights a controller has that learns.
-        seed: Of the controller's randomness.
+        seed: Seed of the controller's randomness.
         events_topic: Where the events are from; None for the usual topic.
         use_lane_state: Whether the controller is given lane states.
 
@@ -240,7 +240,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
     Returns:
         What `drive_metrics` and `compare` give, and
         observations: Steps that the controller was given.
-        duration_s: Of them.
+        duration_s: Their duration [s].
         source: 'simulator' or 'camera', as the packets were taken.
         packets, lost_packets, faulty_packets: Event packets read, missing, not decodable.
         reserved_words, events_outside, events_mistimed, restarts: As `Sensor` counts them.
@@ -251,7 +251,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
     notes = [*drive.notes, *sensor.notes.values()]
     if failure := unmeasured(answers, sensor):
         notes.append(failure)
-    counts = {name: getattr(sensor, name) for name in ('on', 'off', 'sum_x', 'sum_y', 'kept')}
+    counts = {name: getattr(sensor, name) for name in ('on', 'off', 'sum_x', 'sum_y')}
     return {
         **drive_metrics(answers),
         **compare(answers),
@@ -265,7 +265,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         'events_outside': sensor.outside,
         'events_mistimed': sensor.mistimed,
         'restarts': sensor.restarts,
-        'events': counts,
+        'events': {**counts, 'kept': sensor.events_in_steps},
         'notes': notes,
     }
 

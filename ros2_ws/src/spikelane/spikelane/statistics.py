@@ -100,7 +100,7 @@ def mean_interval(
     """Return the 95 % interval of a mean.
 
     Args:
-        mean: Of the units, from `low` to `high`.
+        mean: Mean of the units, from `low` to `high`.
         std: Standard deviation between units, divided by n - 1.
         n: Units, at least two.
         low: Smallest possible value.
@@ -140,7 +140,7 @@ def share_statistics(successes: int, n: int, units: float | None = None) -> dict
 
     Args:
         successes: How often it did.
-        n: Of how many, at least one.
+        n: Number of attempts, at least one.
         units: The number of independent units that these are of; n without it. Where units are
             of unequal size, the effective number (`effective_units`).
 

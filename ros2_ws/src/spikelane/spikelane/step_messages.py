@@ -46,7 +46,7 @@ class LaneStates:
         Args:
             stamp_ns: Simulation time [ns].
             log_ns: When it was recorded [ns].
-            state: Of the same episode as those before.
+            state: Lane state of the same episode as those before.
         """
         if self._last is not None and not self._is_last(stamp_ns, state):
             self._keep(*self._last)
@@ -108,7 +108,7 @@ class StepMessages:
         """Add a message, unless it is of another episode or another is recorded nearer.
 
         Args:
-            kind: Of `WIDTHS`.
+            kind: A key of `WIDTHS`.
             stamp_ns: Simulation time [ns].
             log_ns: When it was recorded [ns].
             values: Returns its values; called only where they are needed.

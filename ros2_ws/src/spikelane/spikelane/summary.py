@@ -45,7 +45,8 @@ def unit_of(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return what the unit of laps is, one of UNITS.
 
     Args:
-        rows: Of each lap at least its seed; `training` and `course` where they are known.
+        rows: One row for each lap, at least its seed; `training` and `course` where they are
+            known.
     """
     return next((name for name in UNITS if len({row.get(name) for row in rows}) > 1), 'seed')
 
@@ -56,7 +57,7 @@ def laps_by_unit(
     """Group laps by their unit; units whose drives are all those of another are left out.
 
     Args:
-        rows: Of each lap its course, lane, seed and metrics.
+        rows: One row for each lap: its course, lane, seed and metrics.
         unit: As `unit_of` has it.
 
     Returns:
@@ -80,7 +81,7 @@ def summarise(rows: Sequence[Mapping[str, Any]], unit: str = '') -> dict[str, An
     """Describe laps as a whole.
 
     Args:
-        rows: Of each lap its course, lane, seed and metrics.
+        rows: One row for each lap: its course, lane, seed and metrics.
         unit: What is independent, one of UNITS; found by `unit_of` without it.
 
     Returns:

@@ -143,7 +143,7 @@ def _count_events(message: Any) -> tuple[int]:
     return (len(events),)
 
 
-#: Of each topic the kind of its messages (`step_messages.WIDTHS`), and how their values are had.
+#: By topic: the kind of its messages (`step_messages.WIDTHS`), and what reads their values.
 _KINDS: dict[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
     ODOMETRY: ('pose', _pose),
     WHEELS: ('wheels', wheels_from_message),

@@ -66,7 +66,7 @@ class TransferConfig:
         scenario: Where states are gathered; see `Configuration`.
         checkpoint: Whose policy: the name of shipped weights of the DQN, the path of a training's
             folder or of a checkpoint.
-        seed: Of all randomness.
+        seed: Seed of all randomness.
         simulator: Where states are gathered.
         gathering: How.
         transfer: How the network is trained with them.
@@ -123,9 +123,9 @@ def make_config(
     """Make the configuration of a transfer.
 
     Args:
-        scenario: Of the paper, '1' to '3', or the name or path of another course.
+        scenario: '1' to '3' of the paper, or the name or path of another course.
         checkpoint: As in TransferConfig; None for the weights shipped for the scenario.
-        seed: Of all randomness.
+        seed: Seed of all randomness.
         parameters: Others than the defaults, as `simulator.camera.fov_deg`, `gathering.states`
             and `transfer.steps`.
         from_training: As in TransferConfig; None for where there are any.

@@ -52,7 +52,7 @@ class Budget:
         Args:
             data: The piece.
             compression: '' for none, `zstd` or `lz4`.
-            size: Of what comes out [bytes], as the container says; None where it does not, which
+            size: Bytes that come out, as the container says; None where it does not, which
                 only zstd can do without.
 
         Raises:

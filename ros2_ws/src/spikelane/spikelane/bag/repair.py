@@ -1,6 +1,6 @@
 """Repair of bags: what a killed recorder or damage has left becomes a bag that all readers take.
 
-Files that are sound stay as they are. Of each other file, all messages that can be read are
+Files that are sound stay as they are. From each other file, all messages that can be read are
 written into a new file in a hidden folder. When rosbags has read the new bag whole, the new files
 take the places of the old ones; metadata.yaml follows at the end. If this is interrupted, each
 file is as it was or repaired, and the next repair does the rest.

@@ -76,7 +76,8 @@ class McapScan:
 
         Args:
             path: The file.
-            original_size: Of the file on the disk [bytes] where this is its decompressed content.
+            original_size: Size of the file on the disk [bytes] where this is its decompressed
+                content.
             is_wanted: Whether messages of a channel are.
             on_metadata: Called with each metadata record.
         """

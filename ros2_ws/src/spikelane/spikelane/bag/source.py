@@ -56,7 +56,7 @@ class Faults:
     """Counts what is wrong with the messages of each topic, and keeps the first reason.
 
     Attributes:
-        count: Of all topics.
+        count: Number of faults of all topics.
     """
 
     def __init__(self) -> None:

@@ -33,7 +33,7 @@ from spikelane_sim.errors import BagError
 LIBRARY = 'spikelane 0.1.0'
 # The chunk size of rosbag2's MCAP storage.
 CHUNK_BYTES = 768 * 1024
-# Of each latched topic the last messages are repeated, up to this many.
+# The last messages of each latched topic are repeated, up to this many.
 _LATCHED_LIMIT = 32
 _RESERVE_STEP = 256 * 1024
 _FULL = (errno.ENOSPC, errno.EDQUOT)

@@ -17,7 +17,7 @@ def measure_closed_loop(robot: str, steps: int = 2000, repeats: int = 5) -> dict
 
     Args:
         robot: 'pybullet' or 'kinematic'.
-        steps: Of each repeat.
+        steps: Steps of each repeat.
         repeats: Counted ones; one before them compiles and is not counted.
 
     Returns:

@@ -41,7 +41,7 @@ def measure_dqn(steps: int = 20_000, seed: int = 0) -> dict[str, Any]:
 
     Args:
         steps: Action steps.
-        seed: Of both.
+        seed: Seed of both.
 
     Returns:
         `ratio`, our processor time outside the environment over theirs; both times for an action

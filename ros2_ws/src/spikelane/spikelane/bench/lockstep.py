@@ -24,7 +24,7 @@ def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
     """Measure all three in turn, again and again, with the kinematic robot.
 
     Args:
-        steps: Of each repeat.
+        steps: Steps of each repeat.
         repeats: Their medians are returned.
 
     Returns:

@@ -53,7 +53,7 @@ def measure_plasticity(windows: int = 400, seed: int = 0) -> dict[str, Any]:
 
     Args:
         windows: How many.
-        seed: Of inputs, weights and reward.
+        seed: Seed of inputs, weights and reward.
 
     Dopamine is set in NEST as the authors' program does it, by one value for all synapses of a
     neuron. A list with one value for each synapse is much quicker, for some reason inside PyNEST,

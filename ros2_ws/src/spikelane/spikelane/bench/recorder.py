@@ -29,7 +29,7 @@ def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[s
     """Record messages that another process publishes on four topics, round robin.
 
     Args:
-        messages_per_s: Of all topics together.
+        messages_per_s: Messages a second on all topics together.
         seconds: How long.
 
     Returns:

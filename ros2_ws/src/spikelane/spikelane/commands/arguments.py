@@ -27,7 +27,7 @@ def add_configuration_arguments(
     """Declare the arguments that determine a run.
 
     Args:
-        parser: Of the command.
+        parser: Parser of the command.
         transport: The default, None where there is no choice.
         out: The usual folder, as people are told.
     """

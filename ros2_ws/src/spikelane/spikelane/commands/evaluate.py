@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parameters(options: argparse.Namespace) -> dict[str, Any]:
-    # Of a simulator's 0 laps there is no end.
+    # A simulator takes 0 laps for a drive without end.
     check_number('--laps', options.laps, 1, 1_000_000)
     given = given_parameters(options) | given_weights(options)
     model = str(given.get('simulator.pixels.model', 'coppelia'))

@@ -22,7 +22,7 @@ from spikelane.experiment.file import MOST_SEEDS, read_experiment, with_seeds
 from spikelane.experiment.plan import make_plan
 from spikelane.run_folder import RUNS
 
-#: Of the experiments' files, beside the code that does them.
+#: Names of the experiments' files, which lie with the code that runs them.
 PAPER, QUICK = 'paper', 'paper_quick'
 
 #: In the experiment's folder.

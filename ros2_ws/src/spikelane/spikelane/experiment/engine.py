@@ -21,7 +21,7 @@ class Ended(NamedTuple):
     """How a run's process ended.
 
     Attributes:
-        name: Of the run.
+        name: Name of the run.
         status: 0 done; negative: killed by that signal, with no fault of its own.
         message: Why it failed, one line.
     """
@@ -61,7 +61,7 @@ def worker_environment(own: Mapping[str, str]) -> dict[str, str]:
     """Return the environment of a run's process: ours, one thread, and modules where we have them.
 
     Args:
-        own: Of this process.
+        own: Environment of this process.
     """
     path = os.pathsep.join(each for each in sys.path if each)
     return {**own, **ONE_THREAD, 'PYTHONPATH': path, 'PYTHONUNBUFFERED': '1'}

@@ -34,10 +34,10 @@ class Run:
     """One run.
 
     Attributes:
-        name: Of its own in the experiment; that of its folder, too, where nobody has it.
+        name: Its own name in the experiment; that of its folder, too, where nobody has it.
         task: One of TASKS.
         point: Where in the matrix.
-        options: Of the task.
+        options: Options of the task.
         labels: Names on the axes, `{'cameras': 'smooth'}`.
         before: Name of the run whose checkpoint it takes, None for none.
         identity: What it is compared by, of JSON's kinds.

@@ -40,8 +40,8 @@ class RayEngine:
         """Join a cluster, or begin one on this machine that lets in nobody else.
 
         Args:
-            address: Of the cluster, as Ray has it; its token, where it wants one, is in the
-                environment as Ray has it (RAY_AUTH_TOKEN). None for a cluster of our own.
+            address: Address of the cluster, as Ray has it; its token, where it wants one, is in
+                the environment as Ray has it (RAY_AUTH_TOKEN). None for a cluster of our own.
             jobs: Runs at a time; None for as many as the cluster has processors.
 
         Raises:

@@ -12,10 +12,10 @@ from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, time_statistics
 from spikelane.summary import summarise_by_lane
 
-#: Of metrics that are no results of a run, or not comparable.
+#: Metrics that are no results of a run, or not comparable.
 _NOT_MEASURED = ('seed', 'seeds', 'wall_time_s')
 
-#: Of trainings: steps at which something was reached, or was not by then.
+#: Metrics of trainings: steps at which something was reached, or was not by then.
 _TIMES = ('last_lane_loss_step', 'solved_at', 'solved_by')
 
 #: Numbers that are shares, and numbers that cannot be negative; of others that is not known.
@@ -39,8 +39,8 @@ def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
     """Describe an experiment.
 
     Args:
-        name: Of the experiment.
-        statuses: Of its runs.
+        name: Name of the experiment.
+        statuses: Statuses of its runs.
 
     Returns:
         name; `confidence`: how intervals are found; `runs`: of each its name, task, place in the

@@ -110,7 +110,7 @@ class Runner:
     """Does the runs of a plan.
 
     Attributes:
-        statuses: Of the runs, by name, in the plan's order.
+        statuses: Statuses of the runs, by name, in the plan's order.
     """
 
     def __init__(self, plan: Plan, root: Path, retries: int) -> None:

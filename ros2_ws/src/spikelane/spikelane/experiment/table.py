@@ -72,7 +72,7 @@ def render(runner: Runner, slots: int) -> Group:
 def time_left_s(runner: Runner, slots: int) -> float | None:
     """Estimate how long all will take [s]: a run of unknown speed like those of its kind.
 
-    Of a kind are runs of the same task and controller. None where the speed of none is known.
+    Runs of the same task and controller are of one kind. None where no run's speed is known.
     """
     whole_s: dict[tuple[str, str], list[float]] = {}
     known_s: list[float] = []

@@ -68,11 +68,11 @@ class Task(NamedTuple):
     options: type[Parameters]  # what the file may say of it
     is_of_conditions: bool  # whether there is a run for each course and condition
     is_for: Callable[[str], bool]  # whether a controller takes part
-    # Of a controller: groups of parameters that concern its run.
+    # Given a controller: groups of parameters that concern its run.
     groups: Callable[[str], Mapping[str, type[Parameters]]]
     needs: Callable[[str], Sequence[Need]]  # of a controller: the first that is planned is taken
     must_have_need: bool  # whether it cannot do without
-    # Of options and the checkpoint taken: a folder, or FROM_RUN; None where none is.
+    # Given options and the checkpoint: a folder, or FROM_RUN; None where there is none.
     configure: Callable[[Point, Any, str | None], Configured]
     run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
 

@@ -58,8 +58,8 @@ def draw_animation(
     """Draw a drive as an animation, and its middle picture as a still beside it.
 
     Args:
-        trajectory: Of one episode, (n,).
-        events: Of each of its observations, n arrays.
+        trajectory: Trajectory of one episode, (n,).
+        events: Events of each of its observations, n arrays.
         image_size: Width and height of the camera's image [px].
         course: What it was driven on.
         path: Ending in .webp; the still ends in .png.

@@ -41,7 +41,7 @@ def draw_lap(
     """Draw a lap.
 
     Args:
-        trajectory: Of one episode.
+        trajectory: Trajectory of one episode.
         course: The course it was driven on.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
@@ -95,10 +95,10 @@ def draw_deviation(
 
     Args:
         axes: To draw in.
-        trajectory: Of one episode of at least one step.
+        trajectory: Trajectory of one episode of at least one step.
         lane: That it drove on.
         lane_width_m: Its width.
-        limit_m: Of the deviation shown; None for one that fits.
+        limit_m: Largest deviation shown [m]; None for one that fits.
     """
     if limit_m is None:
         limit_m = deviation_limit_m(trajectory)

@@ -12,7 +12,7 @@ from spikelane_controllers.training import Termination
 
 
 class Past(Protocol):
-    """Of any training."""
+    """The past of any training."""
 
     @property
     def steps(self) -> int:
@@ -20,19 +20,19 @@ class Past(Protocol):
 
     @property
     def terminations(self) -> Sequence[Termination]:
-        """Of all episodes."""
+        """Terminations of all episodes."""
 
 
 class DqnPast(Past, Protocol):
-    """Of a deep Q-network."""
+    """The past of a deep Q-network."""
 
     @property
     def outcomes(self) -> Sequence[Outcome]:
-        """Of all episodes."""
+        """Outcomes of all episodes."""
 
 
 class PlasticPast(Past, Protocol):
-    """Of R-STDP."""
+    """The past of R-STDP."""
 
     @property
     def weights_pa(self) -> NDArray[Any]:

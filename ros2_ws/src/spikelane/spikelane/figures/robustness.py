@@ -66,7 +66,7 @@ def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[Me
         results: What `results.json` says.
 
     Returns:
-        Of each difficulty that occurs and each controller what was measured, by rising value.
+        What was measured with each difficulty that occurs and each controller, by rising value.
 
     Raises:
         SpikelaneError: No two runs differ in a difficulty alone, the results are of a version

@@ -45,7 +45,7 @@ class TrainingTimes(NamedTuple):
     Attributes:
         first_lap: To the end of the first lap.
         stable: Until it drove without losing the lane.
-        colour: Of the bars.
+        colour: Colour of the bars.
     """
 
     first_lap: Sequence[Time]

@@ -47,7 +47,7 @@ def draw_weights(
     """Draw the weights of two motor neurons: as they are now, and over the training.
 
     Args:
-        training: Of a controller with one left and one right neuron.
+        training: Training of a controller with one left and one right neuron.
         encoding: Which input belongs to which cell of the image.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.

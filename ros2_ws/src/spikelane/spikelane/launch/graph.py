@@ -76,7 +76,7 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
     """Declare what any run takes; `record` is whether it is usually recorded."""
     return [
         argument('scenario', "The paper's scenario.", '1', ('1', '2', '3')),
-        argument('seed', 'Of all randomness, a whole number from 0.', '0'),
+        argument('seed', 'Seed of all randomness, a whole number from 0.', '0'),
         argument(
             'simulator_file',
             "The simulator's parameters; empty: the scenario's of the package.",
@@ -112,10 +112,10 @@ def simulator(
     """Return the simulator in the argument's scenario and with its seed.
 
     Args:
-        arguments: Of the launch.
+        arguments: Arguments of the launch.
         others: More parameters, under dotted names.
         listeners: Nodes that must hear the first observation.
-        namespace: Of the node.
+        namespace: Namespace of the node.
     """
     shipped = _shipped('spikelane_sim', f'scenario_{arguments.text("scenario")}')
     file = Path(arguments.text('simulator_file') or shipped)
@@ -136,10 +136,10 @@ def controller(
 
     Args:
         name: In the registry.
-        arguments: Of the launch.
+        arguments: Arguments of the launch.
         others: More parameters, under dotted names.
         listeners: Nodes that must hear the first answer.
-        namespace: Of the node.
+        namespace: Namespace of the node.
     """
     shipped = _shipped(controller_packages()[name], name)
     given = arguments.text('controller_file')
@@ -165,7 +165,7 @@ def recorder(
     """Return the recorder of some topics.
 
     Args:
-        arguments: Of the launch.
+        arguments: Arguments of the launch.
         facts: About the run, kept in the bag's metadata.
         topics: What to record.
     """

@@ -59,7 +59,7 @@ def running_nodes(
     Args:
         nodes: Their executables.
         parameters: By node; kept in the folder.
-        folder: Of the run; logs go there too.
+        folder: Folder of the run; logs go there too.
 
     Raises:
         SpikelaneError: A node is not installed or cannot be started.
@@ -92,7 +92,7 @@ class Supervisor:
 
     Attributes:
         node: For services and the like.
-        values: Of the simulator's last diagnostics.
+        values: Values of the simulator's last diagnostics.
     """
 
     def __init__(self, domain: int, processes: Processes) -> None:

@@ -122,8 +122,10 @@ class ReplayNode(Node):
 
     def _begin(self) -> None:
         """Begin once the controller is there."""
-        is_heard = self._events.get_subscription_count() >= self._settings.wait_for_subscribers
-        if not is_heard or not self.count_publishers('wheel_velocities'):
+        has_subscribers = (
+            self._events.get_subscription_count() >= self._settings.wait_for_subscribers
+        )
+        if not has_subscribers or not self.count_publishers('wheel_velocities'):
             return
         self._looking.cancel()
         self._start_s = time.monotonic()

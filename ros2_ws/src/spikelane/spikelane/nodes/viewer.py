@@ -55,10 +55,10 @@ class ViewerParameters(Parameters):
     )
     server: str = parameter('', 'Address of a Rerun server to show it on; empty: one is started.')
     web_port: int = parameter(
-        WEB_PORT, 'Of the page, on this machine alone; 0: any.', low=0, high=65535
+        WEB_PORT, 'Port of the page, on this machine alone; 0: any.', low=0, high=65535
     )
     grpc_port: int = parameter(
-        GRPC_PORT, 'Of what the page shows, on this machine alone; 0: any.', low=0, high=65535
+        GRPC_PORT, 'Port of what the page shows, on this machine alone; 0: any.', low=0, high=65535
     )
     memory_mb: int = parameter(
         MEMORY_MB, 'The oldest is forgotten beyond this.', unit='MB', low=16, high=10**6

@@ -23,7 +23,7 @@ class Seen(NamedTuple):
 
     Attributes:
         trajectory: Its first lap, or all of it where there is none; n rows.
-        events: Of each row, n arrays.
+        events: Events of each row, n arrays.
         image_size: Width and height of the camera's image [px].
     """
 
@@ -36,7 +36,7 @@ def drive_again(lap: Lap, trajectory: Trajectory) -> Seen:
     """Drive the first lap of a drive once more.
 
     Args:
-        lap: Of the drive.
+        lap: Lap of the drive.
         trajectory: What it left.
 
     Raises:

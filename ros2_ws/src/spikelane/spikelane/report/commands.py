@@ -72,7 +72,7 @@ def _transfer(run: TransferRun) -> list[str]:
 
 
 def _what(config: Mapping[str, Any]) -> list[str]:
-    # Of the laps of an evaluation each has its course; the evaluation has the one it is for.
+    # Each lap of an evaluation has its own course; the evaluation has the one it is for.
     scenario = config.get('evaluated_for', config['scenario'])
     return ['--scenario', str(scenario), '--seed', str(config['seed'])]
 

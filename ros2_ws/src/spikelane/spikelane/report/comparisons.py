@@ -56,9 +56,9 @@ class Comparison(NamedTuple):
     Attributes:
         scenario: All are of.
         lane: All are of.
-        number: Of the figures of this scenario and lane, from 1.
+        number: Number of this one among the figures of this scenario and lane, from 1.
         of: How many these are.
-        keys: Of the groups.
+        keys: Keys of the groups.
     """
 
     scenario: str

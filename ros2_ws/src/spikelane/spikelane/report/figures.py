@@ -55,7 +55,7 @@ class Drawn(NamedTuple):
     """A figure that is drawn.
 
     Attributes:
-        heading: Of the part of the page it belongs to.
+        heading: Heading of the part of the page it belongs to.
         caption: What it shows, of which run.
         files: Its files; the smallest is shown.
     """
@@ -88,7 +88,7 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> Figures:
 
     Args:
         runs: To draw.
-        folder: Of the files.
+        folder: Folder of the files.
         show: Told what is being drawn.
     """
     drawn: list[Drawn] = []

@@ -144,7 +144,7 @@ def _of_operations(laps: Sequence[Lap]) -> Table:
 
 def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     total = sum_operations(Operations(**lap.metrics['operations']) for lap in laps)
-    # Of each observation, the one at the reset included.
+    # Every observation counts, the one at the reset included.
     time_s = sum(lap.metrics['steps'] + 1 for lap in laps) * STEP_S
     found = operations_metrics(total, time_s)
 

@@ -19,7 +19,7 @@ class Commands(NamedTuple):
     """What made the runs of some rows.
 
     Attributes:
-        what: Of which rows, in words.
+        what: Which rows these are, in words.
         lines: The commands, each once.
     """
 

@@ -16,7 +16,7 @@ class PaperValue(NamedTuple):
 
     Attributes:
         controller: Name in the controllers' registry.
-        scenario: Of the paper, '1' to '3'.
+        scenario: '1' to '3' of the paper.
         measure: Name of what was measured, one of `tables.MEASURES`.
         value: In that measure's unit; None where the paper says it in words alone.
         words: As the report shows it.

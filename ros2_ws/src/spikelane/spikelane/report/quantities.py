@@ -16,7 +16,7 @@ class Quantity(NamedTuple):
     """What is measured.
 
     Attributes:
-        form: Of a number.
+        form: Format of a number.
         unit: Behind it, with a space before; '' for none.
         factor: From the value to the number that is written.
         low: Smallest possible value.
@@ -50,7 +50,7 @@ class Quantity(NamedTuple):
 
         Args:
             values: One of each unit.
-            reached: Of times to an event, whether it came; without it all are values. Of a time
+            reached: For times to an event, whether it came; without it all are values. For a time
                 at which it had not come the event is later.
         """
         found = time_statistics(values, [True] * len(values) if reached is None else reached)

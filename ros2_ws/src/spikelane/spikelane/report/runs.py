@@ -27,9 +27,9 @@ class Run:
 
     Attributes:
         controller: Name in the controllers' registry.
-        scenario: Of the paper, '1' to '3', or a course file's name; RANDOM_COURSES of laps of an
+        scenario: '1' to '3' of the paper, or a course file's name; RANDOM_COURSES of laps of an
             evaluation on many of them.
-        seed: Of the run.
+        seed: Seed of the run.
         setting: How its parameters differ from the paper's, in words, or what that is named;
             '' where they do not.
         folder: Where it is.
@@ -69,8 +69,8 @@ class TrainingRun(Run):
 
     Attributes:
         steps: Driven, as the controller's training counts them.
-        terminations: Of its episodes.
-        outcomes: Of the same, of the deep Q-network alone.
+        terminations: Terminations of its episodes.
+        outcomes: Outcomes of its episodes; for a deep Q-network alone.
     """
 
     steps: int
@@ -138,7 +138,7 @@ class NamedSetting(NamedTuple):
 
     Attributes:
         controller: Name in the controllers' registry.
-        kind: Of the runs that have it, in words.
+        kind: Kind of the runs that have it, in words.
         name: Theirs for it.
         words: How its parameters differ from the paper's.
     """
@@ -155,13 +155,13 @@ class Runs:
 
     Attributes:
         laps: Driven without learning.
-        trainings: Of controllers that learn.
-        transfers: Of policies.
-        conditions: Of experiments that have them.
+        trainings: Trainings of controllers that learn.
+        transfers: Transfers of policies.
+        conditions: Conditions of experiments that have them.
         left_out: What cannot be used.
         variants: What experiments call the settings of their runs, by the runs' folders.
         settings: What names stand for that runs have for a setting.
-        listed: Of experiments, by their folders: names of the folders of runs, by the runs'.
+        listed: For each experiment's folder: names of the folders of runs, by the runs'.
     """
 
     laps: list[Lap] = dataclasses.field(default_factory=list)

@@ -97,7 +97,7 @@ class _Learnt(NamedTuple):
 def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | None:
     """Return what a run's weights come of, None where they are gone.
 
-    Of transferred ones the training before the transfer counts, too.
+    For transferred weights the training before the transfer counts, too.
     """
     place = checkpoint if Path(checkpoint).exists() else _moved(checkpoint, folder)
     try:

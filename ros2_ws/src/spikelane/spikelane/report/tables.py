@@ -168,7 +168,7 @@ def _row_against_paper(measure: str, key: Key, found: _Values) -> tuple[str, ...
         key.scenario,
         key.setting or "the paper's",
         paper.words if paper else NOTHING,
-        # Of censored times there is no mean.
+        # Censored times have no mean.
         quantity.mean(found.values) if found.reached is None else NOTHING,
         quantity.median(found.values, found.reached),
         quantity.median_interval(found.values, found.reached),

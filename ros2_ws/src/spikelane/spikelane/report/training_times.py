@@ -37,7 +37,7 @@ def first_lap(run: TrainingRun) -> Time:
 def stable(run: TrainingRun) -> Time:
     """Return from when it drove without losing the lane [steps of 50 ms].
 
-    Of R-STDP that is its last lane loss, which is censored where it has not settled; of DQN the
+    For R-STDP that is its last lane loss, which is censored where it has not settled; for DQN the
     begin of the first three full episodes in a row, or the end of its last episode.
     """
     if run.controller != 'dqn':

@@ -57,9 +57,9 @@ def weights_picture(weights: NDArray[np.floating]) -> Floats:
     """Lay out an array of weights as one picture.
 
     Args:
-        weights: Of any shape. The last axes of (n, rows, columns), and of (n, 32) those of the
-            spiking controllers' 4 by 8 image cells, are laid side by side; all else is one row
-            of values for each first index.
+        weights: An array of any shape. The last axes of (n, rows, columns), and of (n, 32) those
+            of the spiking controllers' 4 by 8 image cells, are laid side by side; all else is
+            one row of values for each first index.
 
     Returns:
         The values, NaN between those of two neurons, (rows, columns).

@@ -112,8 +112,8 @@ class Scene:
 
         Args:
             stamp_ns: Simulation time [ns].
-            x_m: Of its body in the world [m].
-            y_m: Of its body in the world [m].
+            x_m: x coordinate of its body in the world [m].
+            y_m: y coordinate of its body in the world [m].
             heading_rad: Counter-clockwise from the x axis.
         """
         import rerun
@@ -154,7 +154,7 @@ class Scene:
         """Show what a controller did in one step.
 
         Args:
-            stamp_ns: Of the observation answered [ns].
+            stamp_ns: Stamp of the observation answered [ns].
             neurons: Names of those observed.
             spikes: What each fired, as many.
             reward: NaN: there is none.
@@ -218,7 +218,7 @@ def connect(address: str) -> RecordingStream:
     """Return a connection to a server, under the one name that keeps the user's own layout.
 
     Args:
-        address: Of a `ViewerServer`.
+        address: Address of a `ViewerServer`.
     """
     import rerun
 

@@ -41,7 +41,7 @@ class ViewerServer:
     """The server; use it as a context manager.
 
     Attributes:
-        url: Of the page that shows everything, for a browser.
+        url: Address of the page that shows everything, for a browser.
         address: Where `Scene` sends to.
     """
 
@@ -54,8 +54,8 @@ class ViewerServer:
         """Find free ports.
 
         Args:
-            web_port: Of the page; 0: any that is free.
-            grpc_port: Of what is shown; 0: any that is free.
+            web_port: Port of the page; 0: any that is free.
+            grpc_port: Port of what is shown; 0: any that is free.
             memory_mb: The oldest is forgotten beyond this [MB].
 
         Raises:
