@@ -24,7 +24,8 @@ from rclpy.subscription import Subscription
 
 from spikelane_sim.errors import MessageError, SpikelaneError
 
-_EVENTS_PERIOD_S = 1.0
+#: From one look for events of direct subscriptions to the next [s].
+EVENTS_PERIOD_S = 1.0
 
 
 class NotForExecutors(CallbackGroup):
@@ -45,27 +46,41 @@ class NotForExecutors(CallbackGroup):
         del entity
 
 
-def serve_events(node: Node, subscription: Subscription) -> None:
-    """Look once a second for a direct subscription's events, and call their callbacks.
+class SubscriptionEvents:
+    """The events of direct subscriptions, which are looked for once in a while.
 
     The warning that a publisher's quality of service does not match is one of them. An executor
     must not wait for them: in Fast DDS the condition of an event is that of its reader, so that
     every message would wake the executor, again and again until the message is taken.
     """
 
-    def look() -> None:
-        for handler in subscription.event_handlers:
-            try:
-                handler._ready_to_take_data = True
-                found = handler.take_data()
-            except _rclpy.InvalidHandle:  # the subscription was replaced by another one
-                timer.cancel()
-                return
-            if found is not None and getattr(found, 'total_count_change', 1):
-                handler.callback(found)
+    def __init__(self) -> None:
+        """Begin with no subscription."""
+        self._subscriptions: list[Subscription] = []
 
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
-    timer = node.create_timer(_EVENTS_PERIOD_S, look, clock=steady)
+    def add(self, subscription: Subscription) -> None:
+        """Look for the events of another subscription, too; from any thread."""
+        self._subscriptions.append(subscription)
+
+    def look(self) -> None:
+        """Call the callbacks of all events that have happened since the last look."""
+        for subscription in list(self._subscriptions):
+            try:
+                for handler in subscription.event_handlers:
+                    handler._ready_to_take_data = True
+                    found = handler.take_data()
+                    if found is not None and getattr(found, 'total_count_change', 1):
+                        handler.callback(found)
+            except _rclpy.InvalidHandle:  # the subscription was replaced by another one
+                self._subscriptions.remove(subscription)
+
+    def look_regularly(self, node: Node) -> None:
+        """Let a node's executor look, by one timer however many subscriptions there are.
+
+        The timer runs by steady time: that of a simulator may stand still.
+        """
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(EVENTS_PERIOD_S, self.look, clock=steady)
 
 
 class DirectSubscriptions:
@@ -91,6 +106,8 @@ class DirectSubscriptions:
         self._node = node
         self._needs_all = needs_all
         self._group = NotForExecutors()
+        self._events = SubscriptionEvents()
+        self._events.look_regularly(node)
         self._subscriptions: list[tuple[Subscription, Callable[[Any], None]]] = []
         self._companions: set[Subscription] = set()
         self._renewals: list[tuple[str, QoSProfile]] = []
@@ -132,7 +149,7 @@ class DirectSubscriptions:
             callback_group=self._group,
             event_callbacks=event_callbacks,
         )
-        serve_events(self._node, subscription)
+        self._events.add(subscription)
         self._subscriptions.append((subscription, handle))
         if is_companion:
             self._companions.add(subscription)
@@ -201,7 +218,7 @@ class DirectSubscriptions:
                     new = self._node.create_subscription(
                         old.msg_type, topic, handle, qos, callback_group=self._group
                     )
-                    serve_events(self._node, new)
+                    self._events.add(new)
                     self._subscriptions[place] = (new, handle)
                     self._node.destroy_subscription(old)
 

@@ -36,7 +36,7 @@ from spikelane.bag.writer import BagWriter, CHUNK_BYTES
 from spikelane.nodes.announcer import Announcer
 from spikelane.nodes.periodic import Periodic
 from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
-from spikelane_sim.nodes.direct import NotForExecutors, serve_events
+from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, NotForExecutors, SubscriptionEvents
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -110,6 +110,7 @@ class Recorder(Node):
         self._announcer = Announcer(self, own)
         # The messages are taken by `take`.
         self._group = NotForExecutors()
+        self._events = SubscriptionEvents()
         self._subscriptions_taken = []  # (topic id, message type, handle)
         self._recorded = {}  # topic name: topic id, 0 for one that cannot be recorded
         self._profiles = {}
@@ -139,6 +140,7 @@ class Recorder(Node):
             Periodic(_DISCOVERY_PERIOD_S, self.discover),
             Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
             Periodic(_CHECK_PERIOD_S, self.check_publishers),
+            Periodic(EVENTS_PERIOD_S, self._events.look),
             Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
         while not stop.is_asked_for:
@@ -240,7 +242,7 @@ class Recorder(Node):
         subscription = self.create_subscription(
             message_type, name, _ignore, profile, callback_group=self._group, raw=True
         )
-        serve_events(self, subscription)
+        self._events.add(subscription)
         self._subscriptions_taken.append((topic_id, message_type, subscription.handle))
         self._profiles[name] = profile
         self._recorded[name] = topic_id

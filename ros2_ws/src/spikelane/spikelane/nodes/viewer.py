@@ -29,7 +29,7 @@ from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.direct import NotForExecutors, serve_events
+from spikelane_sim.nodes.direct import NotForExecutors, SubscriptionEvents
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.waiting import WaitingWarnings
@@ -82,6 +82,8 @@ class Viewer(Node):
         self._scene = Scene(connect(address))
         self._closing.callback(self._scene.close)
         self._group = NotForExecutors()
+        self._events = SubscriptionEvents()
+        self._events.look_regularly(self)
         self._taken = [
             self._subscribe(LaneState, 'lane/state', self._show_lane),
             self._subscribe(EventPacket, 'event_camera/events', self._show_events),
@@ -128,7 +130,7 @@ class Viewer(Node):
         subscription = self.create_subscription(
             kind, topic, lambda message: None, qos, callback_group=self._group
         )
-        serve_events(self, subscription)
+        self._events.add(subscription)
         return subscription, show
 
     def _show(self, show: Callable, message) -> None:
