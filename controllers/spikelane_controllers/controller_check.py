@@ -23,6 +23,7 @@ from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import ControllerClass
 from spikelane_controllers.training import controller_state, state_checkpoint
 from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
+from spikelane_sim.errors import one_line, SpikelaneError
 from spikelane_sim.events import make_events, no_events
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -43,24 +44,29 @@ class Violations:
         """Begin without any.
 
         Args:
-            name: Of the controller.
+            name: Name of the controller.
         """
         self._name = name
         self.found: list[str] = []
 
     def add(self, rule: str, expected: str, got: str) -> None:
         """Add a violation: the rule, what was expected and what came."""
-        text = f'{self._name}: {rule}: expected {expected}, got {got}'
-        if text not in self.found:
-            self.found.append(text)
+        self._add(rule, f'expected {expected}, got {got}')
 
     @contextlib.contextmanager
     def guard(self, rule: str) -> Iterator[None]:
         """Make a violation of any exception within the block."""
         try:
             yield
+        except SpikelaneError as error:  # says itself what was expected and what came
+            self._add(rule, str(error))
         except Exception as error:  # the controller is foreign code
             self.add(rule, 'no exception', f'{type(error).__name__}: {error!s:.200}')
+
+    def _add(self, rule: str, what: str) -> None:
+        text = one_line(f'{self._name}: {rule}: {what}')
+        if text not in self.found:
+            self.found.append(text)
 
 
 def check_controller(
@@ -69,7 +75,7 @@ def check_controller(
     """Check a controller's class against the contract of controllers.
 
     Args:
-        name: Of the controller, in the registry.
+        name: Name of the controller, in the registry.
         cls: Its class.
         parameters: Its parameters under dotted names; what is absent is default.
 
@@ -83,7 +89,7 @@ def check_controller(
     make, values = made
     observations = _observations(values)
     checks: dict[str, Callable[[], None]] = {
-        'step': lambda: _check_drive(violations, make, observations),
+        'reset and step': lambda: _check_drive(violations, make, observations),
         'same seed, same answers': lambda: _check_determinism(violations, make, observations),
         'odd observations': lambda: _check_odd(violations, make, observations[0]),
     }
@@ -157,7 +163,7 @@ def _check_drive(
         given = each._replace(events=each.events.copy())
         _check_wheels(violations, controller.step(given))
         if given.events.tobytes() != each.events.tobytes():
-            violations.add('events', 'events that step leaves as they are', 'changed events')
+            violations.add('events given to step', 'unchanged events', 'changed events')
         _check_attributes(violations, controller)
     if _global_random_state() != before:
         expected = 'all randomness from the generator given to reset'
@@ -169,8 +175,8 @@ def _global_random_state() -> tuple[object, ...]:
     return repr(np.random.get_state()), random.getstate()  # noqa: NPY002  # others may use it
 
 
-def _check_wheels(violations: Violations, wheels: object, where: str = '') -> None:
-    rule = f'answer of step{where}'
+def _check_wheels(violations: Violations, wheels: object, to: str = '') -> None:
+    rule = f'answer of step{to}'
     if not isinstance(wheels, WheelVelocities):
         violations.add(rule, 'WheelVelocities', type(wheels).__name__)
     elif not all(isinstance(each, float) for each in wheels):
@@ -234,11 +240,14 @@ def _check_determinism(
 def _check_reset(
     violations: Violations, make: Callable[[], Controller], seen: Sequence[Observation]
 ) -> None:
-    controller = make()
-    first = _drive(controller, seen)
-    if not _same(_drive(controller, seen), first):
+    if not _repeats(make(), seen):
         expected = 'the same answers again after reset with the same seed'
         violations.add('reset', expected, 'different answers')
+
+
+def _repeats(controller: Controller, seen: Sequence[Observation]) -> bool:
+    """Return whether an episode that is driven twice is answered the same."""
+    return _same(_drive(controller, seen), _drive(controller, seen))
 
 
 def _check_odd(violations: Violations, make: Callable[[], Controller], first: Observation) -> None:
@@ -256,7 +265,9 @@ def _check_odd(violations: Violations, make: Callable[[], Controller], first: Ob
             controller = make()
             controller.reset(controller_rng(_SEED, 1))
             for _ in range(20):  # some act only at every tenth
-                _check_wheels(violations, controller.step(observation), f' {what}')
+                _check_wheels(
+                    violations, controller.step(observation), f' to an observation {what}'
+                )
 
 
 def _check_learner(
@@ -312,7 +323,9 @@ def _check_not_learning(
     controller.learning = False  # type: ignore[attr-defined]
     weights = getattr(controller, 'weights_pa', None)
     if weights is None:
-        _check_reset(violations, lambda: controller, seen)
+        if not _repeats(controller, seen):
+            expected = 'the same answers again after reset with the same seed'
+            violations.add('learning off', expected, 'different answers')
         return
     before = np.array(weights)
     _drive(controller, seen)

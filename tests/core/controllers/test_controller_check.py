@@ -4,16 +4,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 import dataclasses
+import json
 import math
 from pathlib import Path
+import random
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from spikelane.check import check
+from spikelane.main import run
 from spikelane_controllers import registry
 from spikelane_controllers.controller_check import check_controller
 from spikelane_controllers.learning_controller import check_can_learn, check_learning_parameters
@@ -21,6 +24,8 @@ from spikelane_controllers.state import number, State
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
+
+Install = Callable[..., None]
 
 EXAMPLE = Path(__file__).parents[3] / 'docs/examples/balance'
 SMALL_DQN = {
@@ -34,9 +39,9 @@ SMALL_DQN = {
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlainParameters(Parameters):
-    """Of a controller that keeps the contract."""
+    """Parameters of a controller that keeps the contract."""
 
-    speed_rad_s: float = parameter(1.0, 'Of both wheels.', unit='rad/s', low=0.0, high=10.0)
+    speed_rad_s: float = parameter(1.0, 'Speed of both wheels.', unit='rad/s', low=0.0, high=10.0)
 
 
 class Plain:
@@ -120,6 +125,31 @@ class NeedsEvents(Plain):
         return WheelVelocities(1.0, float(observation.events['x'].max()))
 
 
+class NeedsFewEvents(Plain):
+    """Has room for a hundred events."""
+
+    def step(self, observation: Observation) -> Any:
+        np.zeros(100)[: len(observation.events)] = observation.events['x']
+        return super().step(observation)
+
+
+class NeedsEventsOrLane(Plain):
+    """Can do without one, but not without both."""
+
+    def step(self, observation: Observation) -> Any:
+        if observation.lane is None:
+            observation.events['x'].max()
+        return super().step(observation)
+
+
+class NanWithoutLane(Plain):
+    """Answers with NaN where nobody knows the lane."""
+
+    def step(self, observation: Observation) -> Any:
+        lane = observation.lane
+        return WheelVelocities(1.0, math.nan if lane is None else lane.distance_m)
+
+
 class OddAttributes(Plain):
     """Has attributes that no message takes, and several of them."""
 
@@ -127,12 +157,62 @@ class OddAttributes(Plain):
     spikes = (1,)
     action = 0.5
     reward = 1
+    operations = 7
+
+
+class NamesOfNumbers(Plain):
+    """Names neurons by numbers."""
+
+    neurons = (1, 2)
+
+
+class BadWeights(Plain):
+    """Has weights that are not finite."""
+
+    weights_pa = np.array([math.inf])
 
 
 class NoParameters(Plain):
     """Has a dictionary in the place of parameters."""
 
     parameters_class = dict
+
+
+class _NotADataclass(Parameters):
+    pass
+
+
+class OddParameters(Plain):
+    """Has parameters that are not a dataclass."""
+
+    parameters_class = _NotADataclass
+
+
+class CannotBeMade(Plain):
+    """Takes no parameters."""
+
+    def __init__(self) -> None:
+        super().__init__(None)
+
+
+class Failing(Plain):
+    """Cannot drive at all."""
+
+    def step(self, observation: Observation) -> Any:
+        raise IndexError('no neuron 3')
+
+
+class StandardRandom(Plain):
+    """Draws from Python's global generator."""
+
+    def step(self, observation: Observation) -> Any:
+        return WheelVelocities(1.0, random.random())
+
+
+class NoReset(Plain):
+    """Has something else in the place of reset."""
+
+    reset = None  # type: ignore[assignment]
 
 
 class NoStep:
@@ -153,19 +233,29 @@ BROKEN = {
     Whole: 'answer of step: expected two floats, got int, int',
     Unseeded: 'same seed, same answers: expected the same answers of two controllers',
     Global: 'global random state: expected all randomness from the generator given to reset',
-    Mutating: 'events: expected events that step leaves as they are, got changed events',
+    StandardRandom: 'global random state: expected all randomness from the generator given to',
+    Mutating: 'events given to step: expected unchanged events, got changed events',
     HalfReset: 'reset: expected the same answers again after reset with the same seed',
     NeedsLane: 'observation without a lane: expected no exception, got AttributeError',
     NeedsEvents: 'observation without events: expected no exception, got ValueError',
+    NeedsFewEvents: 'observation with 10000 events at one pixel: expected no exception, got Value',
+    NeedsEventsOrLane: 'observation with neither events nor a lane: expected no exception, got V',
+    NanWithoutLane: 'answer of step to an observation without a lane: expected finite floats, got',
     OddAttributes: 'attribute spikes: expected one int from 0 to 2^32 - 1 for each of neurons',
+    NamesOfNumbers: 'attribute neurons: expected a tuple or list of str, got (1, 2)',
+    BadWeights: 'attribute weights_pa: expected an array of finite floats, got array([inf])',
     NoParameters: "parameters_class: expected a class derived from Parameters, got <class 'dict'>",
+    OddParameters: 'parameters_class: expected a dataclass, got _NotADataclass',
+    CannotBeMade: 'construction from parameters_class: expected no exception, got TypeError: ',
+    Failing: 'reset and step: expected no exception, got IndexError: no neuron 3',
+    NoReset: 'method reset: expected a method, got none',
     NoStep: 'method step: expected a method, got none',
 }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LearnerParameters(PlainParameters):
-    """Of a controller that learns."""
+    """Parameters of a controller that learns."""
 
     learning: bool = parameter(False, 'Whether anything changes.')
     checkpoint: str = parameter('', 'Where to begin.')
@@ -210,7 +300,7 @@ class WithoutParameters(Learner):
         del self.parameters
 
 
-class ForgetsSteps(Learner):
+class LearnerWithoutSteps(Learner):
     """Does not restore all of its state."""
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -226,6 +316,63 @@ class AlwaysLearns(Learner):
         return super().step(observation)
 
 
+class AlwaysChangesWeights(Learner):
+    """Shows weights, and changes them though it must not."""
+
+    def __init__(self, parameters: Any) -> None:
+        super().__init__(parameters)
+        self.weights_pa = np.zeros(2)
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        self.weights_pa += 1.0
+        return super().step(observation)
+
+
+class LearningByNumber(Learner):
+    """Says by a number whether it learns."""
+
+    def __init__(self, parameters: Any) -> None:
+        super().__init__(parameters)
+        self.learning = 0  # type: ignore[assignment]
+
+
+class ForgetsWhatWasLearnt(Learner):
+    """Restores the episode, but the next one begins with what the first one learnt."""
+
+    def __init__(self, parameters: Any) -> None:
+        super().__init__(parameters)
+        self.drives = 0
+
+    def reset(self, rng: np.random.Generator) -> None:
+        super().reset(rng)
+        self.drives += 1
+        self.learnt += 0.1 * self.drives
+
+
+class NoInitialise(Learner):
+    """Has nothing to begin a training with."""
+
+    initialise = None  # type: ignore[assignment]
+
+
+class NoCheckpoint(Learner):
+    """Cannot be told where to begin."""
+
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class _Parameters(PlainParameters):
+        learning: bool = parameter(False, 'Whether anything changes.')
+
+    parameters_class = _Parameters
+
+
+class OtherParameters(Learner):
+    """Keeps its parameters in a dictionary."""
+
+    def __init__(self, parameters: Any) -> None:
+        super().__init__(parameters)
+        self.parameters = parameters.to_dict()
+
+
 class StateOfText(Learner):
     """Has a state that no checkpoint takes."""
 
@@ -234,10 +381,16 @@ class StateOfText(Learner):
 
 
 BROKEN_LEARNERS = {
-    WithoutParameters: "got one without attribute 'parameters'",
-    ForgetsSteps: 'state and restore: expected the same answers after restore from a checkpoint',
-    AlwaysLearns: 'reset: expected the same answers again after reset with the same seed',
+    WithoutParameters: "a controller that can be trained, got one without attribute 'parameters'",
+    NoInitialise: "a controller that can be trained, got one without method 'initialise'",
+    OtherParameters: 'expected an attribute parameters of its parameters_class, got {',
+    NoCheckpoint: "expected a parameter 'checkpoint' of type str, got none",
+    LearningByNumber: 'attribute learning: expected a bool, got 0',
+    LearnerWithoutSteps: 'different answers in the same episode',
+    ForgetsWhatWasLearnt: 'different answers after the next reset',
     StateOfText: 'state and restore: expected no exception, got TypeError',
+    AlwaysLearns: 'learning off: expected the same answers again after reset with the same seed',
+    AlwaysChangesWeights: 'learning off: expected weights_pa that stay the same, got changed',
 }
 
 
@@ -259,7 +412,8 @@ def test_all_violations_are_reported() -> None:
     """Each attribute of the wrong type has its sentence."""
     found = check_controller('mine', OddAttributes)
     rules = [each.split(': ')[1] for each in found]
-    assert rules == ['attribute spikes', 'attribute action', 'attribute reward']
+    kinds = ('spikes', 'action', 'reward', 'operations')
+    assert rules == [f'attribute {kind}' for kind in kinds]
 
 
 @pytest.mark.parametrize(
@@ -271,26 +425,91 @@ def test_every_shipped_controller_passes(name: str, parameters: dict[str, Any]) 
     assert check(name, 'inprocess', parameters) == []
 
 
-@pytest.mark.parametrize('name', ['balance', 'learning_balance'])
-def test_the_examples_pass(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """As a package of its own, found by its entry points."""
-    info = tmp_path / 'my_controllers-0.1.0.dist-info'
-    info.mkdir()
-    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: my_controllers\n')
-    (info / 'entry_points.txt').write_text(
-        '[spikelane.controllers]\n'
-        'balance = my_controllers.balance:Balance\n'
-        'learning_balance = my_controllers.learning_balance:LearningBalance\n'
-        '[spikelane.trainings]\n'
-        'learning_balance = spikelane_controllers.training:Training\n'
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.syspath_prepend(str(EXAMPLE))
-    registry._entries.cache_clear()
-    try:
-        assert check(name, 'inprocess', {}) == []
-    finally:
+@pytest.fixture
+def install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Install]:
+    """Give what installs controllers of another package, with the usual training."""
+
+    def write_entry_points(**classes: str) -> None:
+        trained = [name for name in classes if 'learn' in classes[name].lower()]
+        info = tmp_path / 'my_controllers-0.1.0.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: my_controllers\n')
+        lines = ['[spikelane.controllers]', *(f'{name} = {cls}' for name, cls in classes.items())]
+        lines += ['[spikelane.trainings]']
+        lines += [f'{name} = spikelane_controllers.training:Training' for name in trained]
+        (info / 'entry_points.txt').write_text('\n'.join(lines))
+        monkeypatch.syspath_prepend(str(tmp_path))
         registry._entries.cache_clear()
+
+    yield write_entry_points
+    registry._entries.cache_clear()
+
+
+@pytest.mark.parametrize('name', ['balance', 'learning_balance'])
+def test_the_examples_pass(name: str, install: Install, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a package of its own, found by its entry points."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    install(
+        balance='my_controllers.balance:Balance',
+        learning_balance='my_controllers.learning_balance:LearningBalance',
+    )
+    assert check(name, 'inprocess', {}) == []
+
+
+def test_a_controller_that_passes_ends_the_command_with_0(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line, or as one JSON object."""
+    install(mine=f'{__name__}:Learner')
+    assert run(['check', 'mine']) == 0
+    assert capsys.readouterr() == ('mine: no violation of the contract\n', '')
+    assert run(['check', 'mine', '--json']) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        'controller': 'mine',
+        'transport': 'inprocess',
+        'passed': True,
+        'violations': [],
+    }
+
+
+def test_a_violation_ends_the_command_with_1(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A training shows it, too: it does not go on as if it had not been interrupted."""
+    install(mine=f'{__name__}:LearnerWithoutSteps')
+    assert run(['check', 'mine', '--json']) == 1
+    told = json.loads(capsys.readouterr().out)
+    violations = [
+        'mine: state and restore: expected the same answers after restore from a checkpoint file, '
+        'got different answers in the same episode',
+        'mine: resumed training: expected the checkpoint of a training that was not interrupted, '
+        'got another checkpoint',
+    ]
+    assert (told['passed'], told['violations']) == (False, violations)
+    assert run(['check', 'mine']) == 1
+    assert capsys.readouterr().out.splitlines() == violations
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'error'),
+    [
+        (['nobody'], 'argument controller: invalid choice: '),
+        (['braitenberg', '--param', 'braitenberg.nothing=1'], "unknown parameter 'nothing'"),
+        (['braitenberg', '--param', 'braitenberg.steering.v_max=-1'], 'v_max: expected'),
+    ],
+)
+def test_wrong_use_ends_the_command_with_2(
+    arguments: list[str], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is printed but the error."""
+    try:
+        status = run(['check', *arguments, '--json'])
+    except SystemExit as ended:
+        status = ended.code
+    assert status == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)
+    assert error in err
 
 
 def test_who_cannot_be_trained_is_told_what_it_lacks() -> None:
