@@ -177,6 +177,11 @@ class StepBinning:
         """Whether a step is being gathered."""
         return self._offset_ns is not None
 
+    @property
+    def unfinished_events(self) -> int:
+        """Events of the whole image in the step that is being gathered."""
+        return sum(map(len, self._gathered))
+
     def add(self, packet: DecodedPacket, stamp_ns: int) -> list[SensorStep]:
         """Take a packet in sensor time; return the steps that are complete with it."""
         steps: list[SensorStep] = []

@@ -73,6 +73,7 @@ class Sensor:
         sum_x: Sum of the columns of the events decoded [px].
         sum_y: Sum of their rows [px].
         events_in_steps: Events in the steps that were returned.
+        unfinished_packets: Packets since the one that completed the last step.
         is_camera: Whether packets are taken as a camera's; None before the first.
     """
 
@@ -120,7 +121,13 @@ class Sensor:
         self.packets = self.lost = self.faulty = 0
         self.reserved = self.outside = self.mistimed = 0
         self.on = self.off = self.sum_x = self.sum_y = self.events_in_steps = 0
+        self.unfinished_packets = 0
         self.is_camera: bool | None = None
+
+    @property
+    def unfinished_events(self) -> int:
+        """Events after the last complete step, before cropping; no step has them yet."""
+        return 0 if self._binning is None else self._binning.unfinished_events
 
     @property
     def restarts(self) -> int:
@@ -174,6 +181,7 @@ class Sensor:
             steps = self._simulator_steps(packet)
         else:
             steps = self._camera_steps(self._binning, packet)
+        self.unfinished_packets = 0 if steps else self.unfinished_packets + 1
         for step in steps:
             self.events_in_steps += len(step.events)
         return steps

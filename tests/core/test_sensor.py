@@ -82,6 +82,23 @@ def test_a_packet_may_span_many_steps() -> None:
     assert sensor.events_in_steps == 4
 
 
+def test_what_comes_after_the_last_complete_step_is_counted() -> None:
+    """Events from the step's end on, and packets that do not complete another."""
+    sensor = camera()
+    unfinished = []
+    for number, t_ms in enumerate(([0, 20, 51, 60], [70], [], [90, 100], [101])):
+        sensor.add(packet(number * MS, number, [t * MS for t in t_ms]))
+        unfinished.append((sensor.unfinished_packets, sensor.unfinished_events))
+    assert unfinished == [(0, 2), (1, 3), (2, 3), (0, 1), (1, 2)]
+
+
+def test_nothing_comes_after_a_simulators_step() -> None:
+    """Each packet is a step."""
+    sensor = Sensor(has_lane=True)
+    sensor.add(packet(50 * MS, 0, [10 * MS]))
+    assert (sensor.unfinished_packets, sensor.unfinished_events) == (0, 0)
+
+
 def test_a_step_keeps_the_first_event_of_each_pixel() -> None:
     """In the order of time."""
     events = make_events([1, 2, 3, 4], [5, 4, 5, 4], [0, 9, 0, 8], [1, 1, -1, -1])

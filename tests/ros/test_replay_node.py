@@ -107,6 +107,7 @@ def test_a_real_camera_is_answered_packet_by_packet(
     result = over_ros(graph, camera_bag, controller, space, node, **how)
     assert (result['agreement'], result['observations']) == (None, 25)
     assert (result['events']['on'], result['events']['off']) == (41439, 41030)
+    assert result['unfinished'] == {'packets': 0, 'events': 80}
     expected = in_process(camera_bag, controller, SEED)[0]
     graph.until(lambda: len(got) >= 25, 'all answers')
     # The last one is sent again as subscribers come and go.

@@ -246,11 +246,19 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         reserved_words, events_outside, events_mistimed, restarts: As `Sensor` counts them.
         events: Events decoded: on, off, sum_x and sum_y of their coordinates; kept: those that
             are left after cropping.
+        unfinished: packets after the one that completed the last step, and events after that
+            step; nothing answers them.
         notes: What is missing, damaged or out of order.
     """
     notes = [*drive.notes, *sensor.notes.values()]
     if failure := unmeasured(answers, sensor):
         notes.append(failure)
+    elif sensor.unfinished_events or sensor.unfinished_packets:
+        notes.append(
+            f'the recording ends within a step: {sensor.unfinished_events} events and '
+            f'{sensor.unfinished_packets} whole event packets after the last complete step are '
+            'not answered'
+        )
     counts = {name: getattr(sensor, name) for name in ('on', 'off', 'sum_x', 'sum_y')}
     return {
         **drive_metrics(answers),
@@ -265,6 +273,10 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         'events_outside': sensor.outside,
         'events_mistimed': sensor.mistimed,
         'restarts': sensor.restarts,
+        'unfinished': {
+            'packets': sensor.unfinished_packets,
+            'events': sensor.unfinished_events,
+        },
         'events': {**counts, 'kept': sensor.events_in_steps},
         'notes': notes,
     }
