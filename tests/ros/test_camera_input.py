@@ -5,6 +5,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from event_camera_msgs.msg import EventPacket
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -53,6 +54,50 @@ def test_a_node_says_where_qos_do_not_match_and_what_it_lacks(graph: Any) -> Non
     graph.until(lambda: 'waiting for observations: no event packet that completes' in process.log)
     assert 'received 0 event packets, answered 0 steps' in process.log
     graph.node.destroy_publisher(publisher)
+
+
+def test_diagnostics_tell_what_was_received_and_what_is_awaited(graph: Any) -> None:
+    """Once a second; WARN in the second of a fault, and once nothing has come for 4 s."""
+    got: list[DiagnosticStatus] = []
+    node = graph.node
+    node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda message: got.extend(message.status), 10
+    )
+    publisher = node.create_publisher(EventPacket, '/seen/event_camera/events', BEST_EFFORT)
+    process = graph.start('rstdp', {'use_lane_state': 'false'}, '-r', '__ns:=/seen')
+    graph.until(publisher.get_subscription_count, 'the subscription')
+
+    def told() -> list[tuple[bytes, dict[str, str]]]:
+        """Return level and values of each message of this node."""
+        return [
+            (each.level, {pair.key: pair.value for pair in each.values})
+            for each in got
+            if each.name == 'rstdp'
+        ]
+
+    graph.until(told, 'the first diagnostics')
+    play(graph, publisher, 'reserved_words')
+    graph.until(lambda: told()[-1][1]['steps'] == '19', 'diagnostics of 19 steps')
+    assert told()[-1][1] == {
+        'event_packets': '200',
+        'lane_states': '0',
+        'steps': '19',
+        'waiting_s': '0.0',
+        'source': 'camera',
+        'faulty_packets': '0',
+        'lost_packets': '0',
+        'reserved_words': '800',
+        'events_outside': '0',
+        'events_mistimed': '0',
+        'restarts': '0',
+    }
+    assert DiagnosticStatus.WARN in [level for level, _ in told()]
+    graph.until(lambda: told()[-1][0] == DiagnosticStatus.OK, 'a second without a fault')
+    graph.until(lambda: float(told()[-1][1]['waiting_s']) >= 4.0, '4 s without a packet')
+    assert told()[-1][0] == DiagnosticStatus.WARN
+    assert got[-1].message.startswith('waiting for observations: no event packet that completes')
+    assert process.status is None
+    node.destroy_publisher(publisher)
 
 
 def test_a_node_without_a_camera_says_so_within_5_s(graph: Any) -> None:

@@ -22,6 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
 
 from spikelane_controllers.hosting import Host, image_size
+from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Counts
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
 from spikelane_sim import messages
@@ -37,7 +38,6 @@ from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.recorder_window import TOPIC as RECORDER_STATE
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
-from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
@@ -49,8 +49,6 @@ RELIABILITIES = {
     'best_effort': ReliabilityPolicy.BEST_EFFORT,
 }
 _LOOK_PERIOD_S = 0.5
-_NOTES_PERIOD_S = 1.0
-_NOTES_AGAIN = 30  # periods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,8 +128,6 @@ class ControllerNode(Node):
         )
         self._received = self._lane_states = self._steps = 0
         self._reliability = RELIABILITIES[self._settings.reliability]
-        self._said: dict[str, tuple[str, int]] = {}  # notes of the sensor, and when [periods]
-        self._periods = 0
         self._pairs = StampPairs(self._on_observation)
         # A camera waits for nobody.
         is_lockstep = self._settings.use_lane_state
@@ -223,11 +219,16 @@ class ControllerNode(Node):
 
     def _begin_to_look(self) -> None:
         """Begin to look for publishers, for progress, and for what is odd in the packets."""
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         if self._settings.reliability == 'auto':
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_LOOK_PERIOD_S, self._look_at_publishers, clock=steady)
-        self.create_timer(_NOTES_PERIOD_S, self._report_notes, clock=steady)
-        self._waiting = WaitingWarnings(self, lambda: self._steps, self._lacks)
+        self._diagnostics = ControllerDiagnostics(
+            self,
+            EVENTS,
+            self._sensor,
+            lambda: Counts(self._received, self._lane_states, self._steps),
+            self._lacks,
+        )
 
     def _look_at_publishers(self) -> None:
         """Subscribe as the publishers of events offer it.
@@ -271,16 +272,6 @@ class ControllerNode(Node):
         else:
             lacks = 'no step of 50 ms is complete: the time in the packets does not advance'
         return f'waiting for observations: {lacks}; {received}'
-
-    def _report_notes(self) -> None:
-        """Warn of what is odd in the packets: at once, then of a kind once in a while."""
-        self._periods += 1
-        for kind, text in self._sensor.notes.items():
-            said, when = self._said.get(kind, ('', -_NOTES_AGAIN))
-            # Faults are reported as they come.
-            if text != said and self._periods - when >= _NOTES_AGAIN and 'faulty' not in kind:
-                self._said[kind] = (text, self._periods)
-                self.get_logger().warning(f'{EVENTS}: {text}')
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         """Return what answers: the controller itself, or something that asks it."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from spikelane_sim.contract import LaneState
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.recorder_window import RecorderWindow
+from spikelane_sim.nodes.status_publisher import StatusPublisher
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import CommandCounts, Simulator
@@ -35,7 +35,7 @@ class SimulatorDiagnostics:
         self._commands = commands
         self._mixed: list[str] = []  # publishers whose commands have mixed in the last second
         self._window = window
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._status = StatusPublisher(node, 'simulator', simulator.parameters.robot.model)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = (self._clock.now().nanoseconds, 0)
         self._progress = (0, 0)  # steps and observations at the last message
@@ -68,18 +68,9 @@ class SimulatorDiagnostics:
 
     def publish(self) -> None:
         """Publish the state of the simulation."""
-        status = DiagnosticStatus(
-            name='simulator',
-            hardware_id=self._simulator.parameters.robot.model,
-            level=DiagnosticStatus.WARN if self._is_worrying() else DiagnosticStatus.OK,
-            message=self._stepper.state.name.lower(),
-        )
-        status.values = [
-            KeyValue(key=key, value=str(value)) for key, value in self._values().items()
-        ]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        is_worrying = self._is_worrying()
+        state = self._stepper.state.name.lower()
+        self._status.publish(state, self._values(), is_worrying=is_worrying)
 
     def _is_worrying(self) -> bool:
         is_quitting = self._stepper.state is RunState.QUITTING

@@ -31,6 +31,16 @@ class WaitingWarnings:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(_LOOK_PERIOD_S, self._look, clock=steady)
 
+    @property
+    def idle_s(self) -> float:
+        """How long there was no progress [s]."""
+        return self._idle * _LOOK_PERIOD_S
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there was no progress for so long that a warning was due."""
+        return self._idle >= _FIRST_AFTER
+
     def _look(self) -> None:
         before, self._before = self._before, self._progress()
         if self._before != before:
