@@ -101,6 +101,12 @@ class Stepper:
         with self._lock:
             return self._observation is not None and not self._is_published
 
+    @property
+    def is_awaited(self) -> bool:
+        """Whether somebody who asked for an episode waits for its first observation."""
+        with self._lock:
+            return bool(self._on_published)
+
     def robot(self) -> tuple[int, RobotState]:
         """Return simulation time [ns] and the robot's pose and motion, between two steps."""
         with self._lock:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -137,6 +138,49 @@ def test_a_child_that_ends_without_an_error_is_noticed_too(tmp_path: Path) -> No
         wait_until(lambda: children.statuses()['node'] is not None)
         with pytest.raises(ProcessError, match=r'^node ended with status 0: it said nothing$'):
             children.check()
+
+
+@pytest.mark.parametrize(
+    ('ends', 'expected'),
+    [
+        (
+            'os.kill(0, signal.SIGTERM)',
+            'node ended with status -15 (SIGTERM) while it was starting',
+        ),
+        (
+            'import time; os.kill(0, signal.SIGINT); time.sleep(9)',
+            '-2 (SIGINT) while it was start',
+        ),
+        ('os._exit(143)', 'node ended with status 143 (SIGTERM) while it was starting'),
+        ('print("cut short"); exit(143)', 'node ended with status 143 (SIGTERM): cut short'),
+        ('os.kill(0, signal.SIGKILL)', 'node ended with status -9 (SIGKILL): it said nothing'),
+    ],
+)
+def test_the_signal_that_ended_a_child_is_named(tmp_path: Path, ends: str, expected: str) -> None:
+    """What has started handles those that ask it to end, and says something."""
+    with Processes() as children:
+        start(children, 'node', tmp_path / 'log', f'import os, signal; {ends}')
+        wait_until(lambda: children.statuses()['node'] is not None)
+        with pytest.raises(ProcessError, match=re.escape(expected)):
+            children.check()
+
+
+def test_all_that_ended_with_an_error_are_named_but_those_told_to(tmp_path: Path) -> None:
+    """A child may say that it was cut short by whoever asks."""
+    obedient = SLEEPER.replace('signal.SIG_IGN', 'lambda number, frame: sys.exit(128 + number)')
+    with Processes() as children:
+        start(children, 'told', tmp_path / 'told', obedient, 'SIGINT')
+        start(children, 'one', tmp_path / 'one', 'raise SystemExit("no")')
+        start(children, 'two', tmp_path / 'two', 'raise SystemExit(143)')
+        wait_until(lambda: 'ready' in (tmp_path / 'told').read_text())
+        wait_until(lambda: None not in (children.statuses()[name] for name in ('one', 'two')))
+        children.stop('told')
+        assert children.statuses()['told'] == 130
+        with pytest.raises(ProcessError) as error:
+            children.check_endings()
+    assert str(error.value) == (
+        'one ended with status 1: no; two ended with status 143 (SIGTERM) while it was starting'
+    )
 
 
 def test_an_end_can_be_waited_for(tmp_path: Path) -> None:

@@ -166,14 +166,18 @@ def test_training_ends_by_itself_with_what_it_has_learnt(tmp_path: Path) -> None
         np.testing.assert_array_equal(learnt[name], values)
 
 
-def test_ctrl_c_ends_all_with_status_0(tmp_path: Path) -> None:
-    """Amid a lap, as a terminal sends it: to all processes at once; the bag is closed."""
+def test_ctrl_c_ends_all(tmp_path: Path) -> None:
+    """Amid a lap, as a terminal sends it: to all processes at once; the bag is closed.
+
+    A node whose work it cuts short says so with 130.
+    """
     with launched(tmp_path, 'lap', f'bag:={tmp_path / "bag"}') as launch:
         launch.until('recording 11 topics')
         time.sleep(1.0)
         os.killpg(launch.process.pid, signal.SIGINT)
         status, endings = launch.wait()
-    assert sorted(endings) == [('/braitenberg', 0), ('/recorder', 0), ('/simulator', 0)]
+    assert sorted(name for name, _ in endings) == ['/braitenberg', '/recorder', '/simulator']
+    assert {ended for _, ended in endings} <= {0, 130}
     assert status == 0
     with AnyReader([tmp_path / 'bag']) as reader:
         assert reader.message_count > 0

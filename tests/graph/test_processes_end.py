@@ -158,9 +158,33 @@ def test_a_node_that_is_told_to_end_ends_all(command: Command, node: str, number
     assert command.pids() == []
     lines = command.errors.splitlines()
     assert len(lines) == 1
-    assert lines[0].startswith(f'spikelane lap: {node} ended with status ')
+    name = signal.Signals(number).name
+    assert lines[0].startswith(f'spikelane lap: {node} ended with status {128 + number} ({name})')
     if node == 'simulator':
         found = re.search(r'ended by SIG\w+ in episode 1, after (\d+) steps', lines[0])
         assert found, lines
         assert command.recorded('/lane/state') == int(found[1]) + 1
     assert 'recorded' in command.log('recorder')
+
+
+def test_a_simulator_that_ends_while_it_is_reset_is_named(tmp_path: Path) -> None:
+    """Not the request that it could not fulfil: the controller has not joined yet."""
+    command = Command(tmp_path)
+    log = tmp_path / 'lap' / 'logs' / 'simulator.log'
+    try:
+        command.until(lambda: command.pids('braitenberg'), 'the controller')
+        controller = command.pids('braitenberg')[0]
+        os.kill(controller, signal.SIGSTOP)
+        command.until(
+            lambda: log.exists() and 'waiting for 2 subscribers' in log.read_text(), 'the reset'
+        )
+        os.kill(command.pids('simulator')[0], signal.SIGTERM)
+        os.kill(controller, signal.SIGCONT)
+        assert command.wait() == 1
+        errors = command.errors.splitlines()
+        assert len(errors) == 1
+        expected = 'spikelane lap: simulator ended with status 143 (SIGTERM): '
+        assert errors[0].startswith(expected)
+        assert command.pids() == []
+    finally:
+        command.kill()

@@ -6,6 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -21,6 +22,7 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
+from spikelane_msgs.msg import RecorderState
 from std_msgs.msg import Float64, String, UInt8MultiArray
 
 from spikelane.bag.reader import BagReader
@@ -178,6 +180,57 @@ def test_a_signal_finishes_the_bag(graph: Graph, number: int) -> None:
     assert reader.damage == []
     assert reader.custom_data == {'seed': '7'}
     assert reader.topics['/lane/distance'].schema_text.endswith('float64 data\n')
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_to_a_recorder_that_is_waited_for_is_told(
+    graph: Graph, number: int, status: int
+) -> None:
+    """The drive of who waits is cut short; the bag is closed as ever."""
+    publisher = graph.publisher(Float64, 'x')
+    waiting = graph.node.create_subscription(
+        RecorderState, 'recorder/state', lambda state: None, LATCHED
+    )
+    process = graph.record()
+    publish(graph, publisher, range(5))
+    wait_until(lambda: graph.node.count_publishers(waiting.topic_name))
+    ended, errors = stop(process, number)
+    assert ended == status
+    name = signal.Signals(number).name
+    assert f'ended by {name} while other nodes wait for what is recorded' in errors
+    assert decoded(graph.bag, '/x') == list(range(5))
+
+
+@pytest.mark.parametrize(
+    ('reliability', 'status'),
+    [(ReliabilityPolicy.RELIABLE, 1), (ReliabilityPolicy.BEST_EFFORT, 0)],
+)
+def test_lost_messages_are_counted_by_topic(
+    graph: Graph, reliability: ReliabilityPolicy, status: int
+) -> None:
+    """Also of topics with several publishers; an error where they were sent reliably."""
+    qos = QoSProfile(depth=1, reliability=reliability)
+    alone, *both = (graph.publisher(Float64, name, qos) for name in ('alone', 'both', 'both'))
+    process = graph.record()
+    publish(graph, alone, range(3))
+    wait_until(lambda: all(each.get_subscription_count() for each in both))
+    os.kill(process.pid, signal.SIGSTOP)
+    for _ in range(5000):
+        for publisher in (alone, *both):
+            publisher.publish(Float64())
+    process.send_signal(signal.SIGCONT)
+    time.sleep(0.3)
+    # What comes next shows what is missing.
+    for publisher in (alone, *both):
+        publisher.publish(Float64())
+    time.sleep(0.3)
+    ended, errors = stop(process)
+    found = re.search(r'messages lost: /alone (\d+), /both (\d+)', errors)
+    assert found, errors
+    counts = Counter(message.topic for message in BagReader(graph.bag).messages())
+    assert counts['/alone'] + int(found[1]) == 5004
+    assert counts['/both'] + int(found[2]) == 10002
+    assert ended == status
 
 
 def test_a_second_signal_is_harmless(graph: Graph) -> None:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 
 MAKE_AFTER_SIGNAL = """
 import os, signal, sys, time
@@ -38,3 +39,11 @@ def test_subscriptions_that_start_after_a_signal_end_without_a_traceback() -> No
     """The thread that would wait for messages has no middleware to wait with."""
     ended = _end('observations.start(); observations.stop(); return node')
     assert (ended.returncode, ended.stderr) == (0, '')
+
+
+def test_a_node_that_is_still_being_made_ends_soon() -> None:
+    """Compiling kernels takes a minute on a busy machine, and asks nobody."""
+    start_s = time.monotonic()
+    ended = _end('time.sleep(60)')
+    assert (ended.returncode, ended.stderr) == (143, '')
+    assert time.monotonic() - start_s < 40.0

@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 import random
+import signal
 import time
 from typing import Any
 
@@ -633,3 +634,17 @@ def test_a_reset_that_takes_no_effect_is_answered(graph) -> None:
     graph.call(SetSimulationState, '/over/simulator/set_simulation_state', state=state)
     assert graph.result(second).result.result == Result.RESULT_OPERATION_FAILED
     assert process.stop() == 0
+
+
+def test_a_simulator_that_ends_before_an_episode_asked_for_begins_says_so(graph) -> None:
+    """Who asked is answered, and the exit status names the signal."""
+    parameters = {'robot.model': 'kinematic', 'autostart': 'false', 'wait_for_subscribers': 1}
+    process = graph.start('simulator', parameters, '-r', '__ns:=/ending')
+    client = graph.node.create_client(Reset, '/ending/simulator/reset')
+    graph.until(client.service_is_ready)
+    answer = client.call_async(Reset.Request(seed=1))
+    graph.until(lambda: '0 are there' in process.log, 'the warning')
+    process.send(signal.SIGTERM)
+    assert graph.result(answer).success is False
+    assert process.wait() == 143
+    assert 'ended by SIGTERM in episode 1, after 0 steps' in process.log

@@ -31,6 +31,7 @@ from spikelane_sim.nodes.network import network_variables
 _LOOK_EVERY_S = 0.5  # whether the middleware was shut down
 _DELIVERY_S = 8.0  # Fast DDS has 3 s between heartbeats, and a busy machine may need two
 _DELIVERY_PERIOD_S = 0.01
+_GRACE_S = 2.0  # for a node that is being made when a signal comes
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -147,6 +148,21 @@ class _Ending:
                 getattr(self.node, 'halt', lambda number: None)(self.number)
             self._deliver(self.node)
         rclpy.try_shutdown()
+        if self.node is None:
+            self._end_start()
+
+    def _end_start(self) -> None:
+        """End the process where the node is still being made after a moment.
+
+        Compiled kernels are made or loaded then, for up to a minute on a busy machine, and do not
+        ask the middleware whether it was shut down.
+        """
+        self._told.settimeout(_GRACE_S)
+        with contextlib.suppress(TimeoutError):
+            if not self._told.recv(1):
+                return  # the start was over by itself
+        if self.node is None:
+            os._exit(128 + self.number)
 
     def _deliver(self, node: Node) -> None:
         """Wait until who subscribes reliably has all of it, or for as long as that may take."""

@@ -158,14 +158,13 @@ class SimulatorNode(Node):
     def halt(self, number: int) -> None:
         """Take no further step, and say where that cuts a drive short; see `run_node`.
 
-        In real time, and where no controller is there, the node serves until it is told to end.
+        In real time, and where no controller is there, the node serves until it is told to end;
+        only who waits for an episode to begin waits in vain.
         """
+        is_awaited = self._stepper.is_awaited
         is_cut_short = self._stepper.quit()
-        if (
-            is_cut_short
-            and self._settings.mode == 'lockstep'
-            and self.count_publishers('wheel_velocities')
-        ):
+        is_driven = self._settings.mode == 'lockstep' and self.count_publishers('wheel_velocities')
+        if is_awaited or (is_cut_short and is_driven):
             lane = self._simulator.lane_state
             self.get_logger().warning(
                 f'ended by {signal.Signals(number).name} in episode {lane.episode}, '

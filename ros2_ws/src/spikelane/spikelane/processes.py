@@ -44,6 +44,7 @@ class Processes:
         """Start with none."""
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._logs: dict[str, Path] = {}
+        self._told: set[tuple[str, int]] = set()  # children, and the signals they were sent
 
     def __enter__(self) -> Processes:
         """Return the processes; leaving the block ends them."""
@@ -123,16 +124,33 @@ class Processes:
             names: Names of children; those that have ended already, or could not be started, are
                 passed over.
         """
-        children = [self._children[name] for name in names if name in self._children]
+        children = {name: self._children[name] for name in names if name in self._children}
         for how, patience_s in _ENDINGS:
-            running = [child for child in children if child.poll() is None]
-            for child in running:
+            running = {name: child for name, child in children.items() if child.poll() is None}
+            for name, child in running.items():
+                self._told.add((name, how))
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(child.pid, how)
             deadline_s = time.monotonic() + patience_s
-            for child in running:
+            for child in running.values():
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     child.wait(max(0.0, deadline_s - time.monotonic()))
+
+    def check_endings(self) -> None:
+        """Check that no child has ended with an error.
+
+        One that `stop` has sent signal n may end with 128 + n.
+
+        Raises:
+            ProcessError: Some have; the message has the last lines of each.
+        """
+        wrong = [
+            self._ending(name, status)
+            for name, status in self.statuses().items()
+            if status and (name, status - 128) not in self._told
+        ]
+        if wrong:
+            raise ProcessError('; '.join(wrong))
 
     def statuses(self) -> dict[str, int | None]:
         """Return each child's exit status, None where it runs."""
@@ -141,8 +159,20 @@ class Processes:
     def _check(self, name: str) -> None:
         status = self._children[name].poll()
         if status is not None:
-            lines = self._logs[name].read_text(errors='replace').splitlines()
-            raise ProcessError(f'{name} ended with status {status}: {_cause_first(lines)}')
+            raise ProcessError(self._ending(name, status))
+
+    def _ending(self, name: str, status: int) -> str:
+        """Return how a child has ended, and why."""
+        lines = self._logs[name].read_text(errors='replace').splitlines()
+        number = -status if status < 0 else status - 128
+        if number not in set(signal.Signals):
+            return f'{name} ended with status {status}: {_cause_first(lines)}'
+        ended = f'{name} ended with status {status} ({signal.Signals(number).name})'
+        # What has started handles these signals, and says something.
+        is_starting = status < 0 or not lines
+        if is_starting and number in (signal.SIGINT, signal.SIGTERM):
+            return f'{ended} while it was starting'
+        return f'{ended}: {_cause_first(lines)}'
 
 
 def _cause_first(lines: Sequence[str]) -> str:

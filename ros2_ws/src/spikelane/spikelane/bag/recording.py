@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 import struct
 
@@ -16,12 +17,7 @@ _CLOCK = struct.Struct('<4xiI')
 
 
 class Recording:
-    """Writes batches of arrivals, each in the order of reception.
-
-    Attributes:
-        lost_count: Messages that publishers sent and that did not arrive, as far as their
-            numbering tells: only topics with one publisher are watched.
-    """
+    """Writes batches of arrivals, each in the order of reception."""
 
     def __init__(self, writer: BagWriter, *, use_sim_time: bool = False) -> None:
         """Record into the writer.
@@ -37,7 +33,8 @@ class Recording:
         self._clock_ns: int | None = None
         self._early: list[Arrival] = []
         self._watched: dict[int, int | None] = {}
-        self.lost_count = 0
+        self._gaps: Counter[int] = Counter()
+        self._reported: Counter[int] = Counter()
 
     def follow_clock(self, topic_id: int) -> None:
         """Take the messages of this topic (or of NOT_RECORDED) for /clock.
@@ -52,6 +49,27 @@ class Recording:
             self._watched.setdefault(topic_id, None)
         else:
             self._watched.pop(topic_id, None)
+            # Those of the first moments, when nobody knew of the second publisher.
+            self._gaps.pop(topic_id, None)
+
+    def report_lost(self, topic_id: int, count: int) -> None:
+        """Take how many messages of a topic the middleware has counted as lost in all."""
+        if topic_id != NOT_RECORDED:
+            self._reported[topic_id] = count
+
+    @property
+    def lost(self) -> Mapping[int, int]:
+        """Messages that were sent and did not arrive, by topic; topics without any are left out.
+
+        The numbering tells also what came and was dropped before it was taken, the middleware also
+        what several publishers sent.
+        """
+        return +(self._gaps | self._reported)
+
+    @property
+    def lost_count(self) -> int:
+        """Messages of all topics that were sent and did not arrive."""
+        return sum(self.lost.values())
 
     @property
     def written_count(self) -> int:
@@ -99,7 +117,7 @@ class Recording:
     def _count_losses(self, topic_id: int, sequence: int) -> None:
         last = self._watched[topic_id]
         if last is not None and sequence > last + 1:
-            self.lost_count += sequence - last - 1
+            self._gaps[topic_id] += sequence - last - 1
         self._watched[topic_id] = sequence
 
     def _set_clock(self, data: bytes, received_ns: int) -> None:

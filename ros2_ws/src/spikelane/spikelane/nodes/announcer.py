@@ -27,6 +27,11 @@ class Announcer:
         self._announced: dict[str, int] = {}
         self._repeat_s = 0.0
 
+    @property
+    def is_waited_for(self) -> bool:
+        """Whether somebody goes no further than what is written."""
+        return bool(self._publisher.get_subscription_count())
+
     def announce(
         self, recording: Recording, topics: Mapping[str, int], *, has_caught_up: bool
     ) -> None:
@@ -37,7 +42,7 @@ class Announcer:
             topics: Ids of the topics recorded, by name.
             has_caught_up: Whether nothing more has arrived: somebody may be waiting then.
         """
-        if not self._publisher.get_subscription_count():
+        if not self.is_waited_for:
             return
         numbers = recording.last_numbers
         known = {name: numbers[of] for name, of in topics.items() if of in numbers}

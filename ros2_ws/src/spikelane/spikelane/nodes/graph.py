@@ -28,6 +28,7 @@ START_DEADLINE_S = 180.0
 STALL_DEADLINE_S = 60.0
 #: A recorder that is merely slow, on a busy disk say, is waited for much longer.
 RECORDER_DEADLINE_S = 600.0
+_END_DEADLINE_S = 20.0
 
 
 @contextlib.contextmanager
@@ -113,6 +114,7 @@ class Supervisor:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self.values: Mapping[str, str] = {}
+        self._is_quitting = False
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     def __enter__(self) -> Supervisor:
@@ -167,6 +169,22 @@ class Supervisor:
             if time.monotonic() - changed_s > (RECORDER_DEADLINE_S if waits else allowed_s):
                 raise ProcessError(_stalled(RECORDER_DEADLINE_S if waits else allowed_s, waits))
 
+    def check_simulator(self, may_end: Sequence[str] = ()) -> None:
+        """Check that the simulator is not about to end, which makes other nodes fail as well.
+
+        It says once a second what it does.
+
+        Args:
+            may_end: As in `spin`.
+
+        Raises:
+            ProcessError: It has ended, or another process has.
+        """
+        self.values = {}
+        deadline_s = time.monotonic() + _END_DEADLINE_S
+        while time.monotonic() < deadline_s and (not self.values or self._is_quitting):
+            self.spin(may_end)
+
     def spin(self, may_end: Sequence[str] = ()) -> None:
         """Handle what has come, and check that all processes run but those that may end."""
         self._executor.spin_once(timeout_sec=0.1)
@@ -176,6 +194,7 @@ class Supervisor:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == 'simulator':
+                self._is_quitting = status.message == 'quitting'
                 self.values = {pair.key: pair.value for pair in status.values}
 
 

@@ -12,11 +12,10 @@ from spikelane_msgs.srv import Reset
 
 from spikelane.lap import DrivenLap, LapConfig, Show
 from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
-from spikelane.processes import ProcessError, Processes
+from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
-from spikelane_sim.errors import SpikelaneError
 
 LAST_ANSWER_S = 5.0
 #: Messages that publishers keep for a recorder; see `recorder_windows`.
@@ -99,7 +98,7 @@ def _drive(
         # The recorder goes last: what the others sent is on its way to it.
         processes.stop('simulator', config.controller)
         processes.stop(*nodes)
-        _check_endings(processes)
+        processes.check_endings()
     return wall_time_s
 
 
@@ -155,7 +154,8 @@ def _drive_episode(config: LapConfig, seed: int, supervisor: Supervisor, show: S
     answer = reset.call_async(Reset.Request(lane=config.lane, seed=seed))
     supervisor.wait_for(f'{config.controller} and the recorder to join', answer.done)
     if not answer.result().success:
-        raise SpikelaneError(f'reset: {answer.result().message}')
+        supervisor.check_simulator()
+        raise ProcessError(f'reset: {answer.result().message}')
     start_s = time.monotonic()
     episode = str(answer.result().episode)
 
@@ -188,9 +188,3 @@ def _check_complete(trajectory: Trajectory) -> None:
             f'the recording ends after {observations} observations, before the lap did: the '
             'machine is too busy'
         )
-
-
-def _check_endings(processes: Processes) -> None:
-    wrong = [f'{name} ({status})' for name, status in processes.statuses().items() if status]
-    if wrong:
-        raise ProcessError(f'ended with an error: {", ".join(wrong)}; see the logs')

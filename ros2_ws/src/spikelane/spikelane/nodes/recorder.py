@@ -11,10 +11,8 @@ and other programs refuse it: `spikelane repair BAG` makes it whole.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 import datetime
 import functools
-import importlib
 import os
 from pathlib import Path
 import signal
@@ -23,29 +21,30 @@ import time
 
 from ament_index_python.packages import get_package_share_directory
 import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from spikelane.bag.container import COMPRESSIONS
-from spikelane.bag.metadata import QosDuration, QosProfile
 from spikelane.bag.recording import NOT_RECORDED, Recording
 from spikelane.bag.schema import collect_schema
-from spikelane.bag.writer import BagWriter, CHUNK_BYTES
+from spikelane.bag.writer import BagWriter
 from spikelane.nodes.announcer import Announcer
+from spikelane.nodes.offers import adapted_qos, message_type_of, offered_qos, problems
 from spikelane.nodes.periodic import Periodic
-from spikelane_sim.errors import BagError, ParameterError, SpikelaneError
+from spikelane.nodes.recorder_parameters import parse_facts, RecorderParameters
+from spikelane_sim.errors import BagError, SpikelaneError
 from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, NotForExecutors, SubscriptionEvents
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.ros_parameters import declare_parameters
-from spikelane_sim.parameters import parameter, Parameters
 
 _TAKE_PERIOD_S = 0.05
 _DISCOVERY_PERIOD_S = 0.05
 _SERVICE_PERIOD_S = 0.2
 _CHECK_PERIOD_S = 1.0
+_GRACE_S = 1.0
 _CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
 
 
@@ -54,46 +53,18 @@ class Stop:
 
     No threading.Event: its lock is held while it is set or waited for, so that a signal amid
     that, a second one say, would wait for itself for ever.
+
+    Attributes:
+        number: Of the first signal that came; 0 where none has.
     """
 
     def __init__(self) -> None:
-        self.is_asked_for = False
+        self.number = 0
 
     def ask_for(self, number: int, frame: object) -> None:
         """Handle a signal."""
-        del number, frame
-        self.is_asked_for = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecorderParameters(Parameters):
-    """What is recorded, and how."""
-
-    output: str = parameter(
-        '', 'Folder of the bag, must not exist; empty for rosbag2_<date>-<time>.'
-    )
-    topics: tuple[str, ...] = parameter((), 'Topics to record; none: all that are not hidden.')
-    exclude: tuple[str, ...] = parameter((), 'Topics not to record.')
-    compression: str = parameter('zstd', 'How chunks are compressed.', choices=COMPRESSIONS)
-    chunk_bytes: int = parameter(
-        CHUNK_BYTES, 'Size at which a chunk is written.', unit='B', low=1024, high=2**28
-    )
-    max_file_bytes: int = parameter(
-        0, 'Size at which another file is begun; 0: never.', unit='B', low=0, high=2**62
-    )
-    flush_period_s: float = parameter(
-        1.0,
-        'A kill costs at most the messages of this time; `spikelane repair` makes the bag whole.',
-        unit='s',
-        low=0.05,
-        high=60.0,
-    )
-    depth: int = parameter(
-        10000, 'Messages of a topic that may wait to be recorded.', low=1, high=10**6
-    )
-    custom_data: tuple[str, ...] = parameter(
-        (), 'Facts about the run, kept in the metadata: texts like seed=7.'
-    )
+        del frame
+        self.number = self.number or number
 
 
 class Recorder(Node):
@@ -120,7 +91,7 @@ class Recorder(Node):
             compression=self._settings.compression,
             chunk_bytes=self._settings.chunk_bytes,
             max_file_bytes=self._settings.max_file_bytes,
-            custom_data=_custom_data(self._settings.custom_data),
+            custom_data=parse_facts(self._settings.custom_data),
         )
         use_sim_time = self.get_parameter('use_sim_time').value
         self._recording = Recording(self._writer, use_sim_time=use_sim_time)
@@ -130,6 +101,8 @@ class Recorder(Node):
 
     def spin(self, stop: Stop) -> None:
         """Record until told to stop.
+
+        What waits for the recorder may have been told to stop as well: it has a moment to do so.
 
         Raises:
             BagError: The disk is full; the bag is closed.
@@ -143,12 +116,20 @@ class Recorder(Node):
             Periodic(EVENTS_PERIOD_S, self._events.look),
             Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
-        while not stop.is_asked_for:
+        deadline_s = 0.0
+        while not stop.number or (self.is_waited_for and time.monotonic() < deadline_s):
+            if not stop.number:
+                deadline_s = time.monotonic() + _GRACE_S
             self.take()
             for job in jobs:
                 job.run_if_due()
             time.sleep(_TAKE_PERIOD_S)
         executor.remove_node(self)
+
+    @property
+    def is_waited_for(self) -> bool:
+        """Whether nodes are there that drive no further than what is recorded."""
+        return self._announcer.is_waited_for
 
     def take(self) -> None:
         """Write every message that has arrived."""
@@ -200,16 +181,20 @@ class Recorder(Node):
             publishers = self.get_publishers_info_by_topic(name)
             if len(publishers) > 1:
                 self._recording.watch_losses(topic_id, has_one_publisher=False)
-            for problem in self._problems(name, publishers):
+            for problem in problems(self._profiles[name], publishers):
                 self._warn_once(name, problem)
 
-    def finish(self) -> None:
+    def finish(self) -> bool:
         """Write what has arrived, close the bag and say what is in it.
+
+        Returns:
+            Whether all is in it that was sent reliably.
 
         Raises:
             BagError: The disk is full; the bag is closed.
         """
         self.take()
+        self._events.look()
         self._recording.end()
         self._writer.close()
         count = self._writer.message_count
@@ -221,10 +206,28 @@ class Recorder(Node):
         missing = [name for name in self._listed if name not in self._recorded]
         if missing:
             self.get_logger().warning(f'never published: {", ".join(missing)}')
+        return self._report_lost()
+
+    def _report_lost(self) -> bool:
+        """Name the topics that lost messages; return whether none of them is reliable."""
+        lost = self._recording.lost
+        counts = {name: lost[of] for name, of in self._recorded.items() if of in lost}
+        if not counts:
+            return True
+        told = ', '.join(f'{name} {count}' for name, count in counts.items())
+        text = f'messages lost: {told}'
+        # Who offers a topic as best effort puts up with losses.
+        if not any(
+            self._profiles[name].reliability == ReliabilityPolicy.RELIABLE for name in counts
+        ):
+            self.get_logger().warning(text)
+            return True
+        self.get_logger().error(text)
+        return False
 
     def _subscribe(self, name, type_names, publishers) -> bool:
         type_name = publishers[0].topic_type
-        message_type = _message_type(type_name)
+        message_type = message_type_of(type_name)
         if len(type_names) > 1 or message_type is None:
             self._recorded[name] = NOT_RECORDED
             reason = f'its type {type_name} is not installed'
@@ -232,15 +235,23 @@ class Recorder(Node):
                 reason = f'it has several types: {", ".join(type_names)}'
             self._warn_once(name, f'is not recorded: {reason}')
             return False
-        offers = [_qos(publisher.qos_profile) for publisher in publishers]
+        offers = [offered_qos(publisher.qos_profile) for publisher in publishers]
         topic_id = NOT_RECORDED
         if self._wants(name):
             topic_id = self._add_topic(name, type_name, publishers[0], offers)
         if name == '/clock' and type_name == _CLOCK_TYPE:
             self._recording.follow_clock(topic_id)
-        profile = self._adapted_qos(offers)
+        profile = adapted_qos(offers, self._settings.depth)
         subscription = self.create_subscription(
-            message_type, name, _ignore, profile, callback_group=self._group, raw=True
+            message_type,
+            name,
+            _ignore,
+            profile,
+            callback_group=self._group,
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=lambda lost: self._recording.report_lost(topic_id, lost.total_count)
+            ),
+            raw=True,
         )
         self._events.add(subscription)
         self._subscriptions_taken.append((topic_id, message_type, subscription.handle))
@@ -258,32 +269,6 @@ class Recorder(Node):
         topic_id = self._writer.add_topic(name, type_name, schema, type_hash, offers)
         self._recording.watch_losses(topic_id, has_one_publisher=len(offers) == 1)
         return topic_id
-
-    def _adapted_qos(self, offers) -> QoSProfile:
-        """Return the strictest profile that all the offers meet."""
-        is_reliable = all(offer.reliability == 'reliable' for offer in offers)
-        is_latched = all(offer.durability == 'transient_local' for offer in offers)
-        return QoSProfile(
-            depth=self._settings.depth,
-            reliability=(
-                ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
-            ),
-            durability=(
-                DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE
-            ),
-        )
-
-    def _problems(self, name, publishers):
-        profile = self._profiles[name]
-        offers = [_qos(publisher.qos_profile) for publisher in publishers]
-        if profile.reliability == ReliabilityPolicy.RELIABLE and any(
-            offer.reliability == 'best_effort' for offer in offers
-        ):
-            yield 'has a later publisher that is best effort: it is not recorded'
-        if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL and any(
-            offer.durability == 'volatile' for offer in offers
-        ):
-            yield 'has a later publisher that does not latch: it is not recorded'
 
     def _wants(self, name: str) -> bool:
         if name in self._excluded:
@@ -305,7 +290,8 @@ def main(args: list[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM.
 
     Returns:
-        0; 1 if recording failed (a full disk); 2 if a parameter is wrong.
+        0; 1 if recording failed (a full disk) or reliable messages were lost; 2 if a parameter is
+        wrong; 128 + n if signal n came while other nodes were waiting for what is recorded.
     """
     stop = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -331,7 +317,15 @@ def _record(stop: Stop) -> int:
     try:
         warn_of_unused_parameters(recorder, sys.argv)
         recorder.spin(stop)
-        recorder.finish()
+        is_waited_for = recorder.is_waited_for
+        if not recorder.finish():
+            return 1
+        if is_waited_for:
+            name = signal.Signals(stop.number).name
+            recorder.get_logger().warning(
+                f'ended by {name} while other nodes wait for what is recorded'
+            )
+            return 128 + stop.number
     except BagError as error:
         recorder.get_logger().error(str(error))
         return 1
@@ -344,46 +338,12 @@ def _ignore(_: bytes) -> None:
     """Stand in for a callback; messages are taken, not called back."""
 
 
-def _custom_data(pairs: Iterable[str]) -> dict[str, str]:
-    given = [pair for pair in pairs if pair]
-    for pair in given:
-        if '=' not in pair:
-            raise ParameterError(f'custom_data: expected texts like seed=7, got {pair!r}')
-    return dict(pair.split('=', 1) for pair in given)
-
-
 def _default_output() -> str:
     return datetime.datetime.now().strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
 
 
 def _share_folder(package: str) -> Path:
     return Path(get_package_share_directory(package))
-
-
-def _message_type(type_name: str):
-    """Return the class of `package/msg/Type`, None where it is not installed."""
-    package, _, name = type_name.partition('/msg/')
-    try:
-        message_type = getattr(importlib.import_module(f'{package}.msg'), name)
-        message_type.__class__.__import_type_support__()
-    except Exception:  # a broken installation must not end the recording
-        return None
-    return message_type
-
-
-def _qos(profile: QoSProfile) -> QosProfile:
-    return QosProfile(
-        history=profile.history.name.lower(),
-        depth=profile.depth,
-        reliability=profile.reliability.name.lower(),
-        durability=profile.durability.name.lower(),
-        deadline=QosDuration.from_nanoseconds(profile.deadline.nanoseconds),
-        lifespan=QosDuration.from_nanoseconds(profile.lifespan.nanoseconds),
-        liveliness=profile.liveliness.name.lower(),
-        liveliness_lease_duration=QosDuration.from_nanoseconds(
-            profile.liveliness_lease_duration.nanoseconds
-        ),
-    )
 
 
 if __name__ == '__main__':

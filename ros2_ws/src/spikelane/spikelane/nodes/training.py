@@ -63,6 +63,8 @@ def train_over_ros(
             may_end=(config.controller,),
             start_s=START_DEADLINE_S,
         )
+        if processes.statuses()[config.controller]:
+            supervisor.check_simulator(may_end=(config.controller,))
         processes.wait(config.controller, _END_S)
     done = make_training(config, folder, resume=True)
     if not done.is_done:
