@@ -7,6 +7,7 @@ import json
 import os
 from pathlib import Path
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -26,14 +27,109 @@ DEADLINE_S = 250
 
 Run = Callable[..., dict[str, Any]]
 
+#: Another package: two controllers that break the contract, and what every package has.
+BROKEN = {
+    'package.xml': """
+<package format="3">
+  <name>broken_controllers</name> <version>0.1.0</version> <description>Broken.</description>
+  <maintainer email="you@example.org">You</maintainer> <license>Apache-2.0</license>
+  <export> <build_type>ament_python</build_type> </export>
+</package>
+""",
+    'resource/broken_controllers': '',
+    'setup.cfg': """
+[develop]
+script_dir=$base/lib/broken_controllers
+[install]
+install_scripts=$base/lib/broken_controllers
+""",
+    'setup.py': """
+from setuptools import setup
+
+names = {'forgetful': 'Forgetful', 'by_process': 'ByProcess'}
+setup(
+    name='broken_controllers',
+    version='0.1.0',
+    packages=['broken_controllers'],
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/broken_controllers']),
+        ('share/broken_controllers', ['package.xml']),
+    ],
+    entry_points={
+        'console_scripts': [f'{each} = broken_controllers.nodes:{each}' for each in names],
+        'spikelane.controllers': [
+            f'{each} = broken_controllers.controllers:{cls}' for each, cls in names.items()
+        ],
+        'spikelane.trainings': [
+            f'{each} = spikelane_controllers.training:Training' for each in names
+        ],
+    },
+)
+""",
+    'broken_controllers/__init__.py': '',
+    'broken_controllers/nodes.py': """
+import sys
+
+from spikelane_controllers.nodes.learning import LearningNode
+from spikelane_sim.nodes.running import run_node
+
+
+def forgetful():
+    sys.exit(run_node(lambda: LearningNode('forgetful')))
+
+
+def by_process():
+    sys.exit(run_node(lambda: LearningNode('by_process')))
+""",
+    'broken_controllers/controllers.py': """
+import os
+
+from my_controllers.learning_balance import LearningBalance
+from spikelane_sim.contract import WheelVelocities
+
+
+class ByProcess(LearningBalance):
+    # Drives otherwise in another process.
+    def _turn(self, observation):
+        return super()._turn(observation) + 1e-9 * os.getpid()
+
+
+class Forgetful:
+    # Has no attribute parameters.
+    parameters_class = LearningBalance.parameters_class
+
+    def __init__(self, parameters):
+        self.learning = parameters.learning
+
+    def initialise(self, rng):
+        pass
+
+    def reset(self, rng):
+        pass
+
+    def step(self, observation):
+        return WheelVelocities(1.0, 1.0)
+
+    def state(self):
+        return {'learning': self.learning}
+
+    def restore(self, state):
+        self.learning = state['learning']
+""",
+}
+
 
 @pytest.fixture(scope='module')
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a workspace where the example has been built by colcon."""
+    """Give a workspace where the example has been built by colcon, and the broken package."""
     if ' ' in sys.executable:
         pytest.skip("colcon's setup files do not work in paths with a space")
     workspace = tmp_path_factory.mktemp('my_ws')
     shutil.copytree(EXAMPLE, workspace / 'src/balance')
+    for name, text in BROKEN.items():
+        path = workspace / 'src/broken' / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text.lstrip(), encoding='utf-8')
     build = [sys.executable, '-m', 'colcon', 'build']
     built = subprocess.run(build, cwd=workspace, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
@@ -122,6 +218,62 @@ def test_what_learns_is_trained_and_resumed(run: Run) -> None:
                  '--transport', 'inprocess', '--param', limit, status=1)  # fmt: skip
     config = Path(driven['folder'], 'config.yaml').read_text()
     assert f'checkpoint: {folders[0]}' in config
+
+
+def test_the_checks_of_the_page_pass(workspace: Path) -> None:
+    """In one process, and over ROS with its node."""
+    page = (DOCS / 'add_a_controller.md').read_text('utf-8')
+    (block,) = re.findall(r'^<!-- run -->\n```sh\n(.*?)^```', page, re.M | re.S)
+    told = []
+    for line in block.splitlines():
+        command, *arguments = shlex.split(line, comments=True)
+        assert command == '~/spikelane/spikelane'
+        ended = run_python(workspace, '-m', 'spikelane.main', *arguments, '--json')
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+        told.append(json.loads(ended.stdout))
+    assert told == [
+        {'controller': name, 'transport': transport, 'passed': True, 'violations': []}
+        for name, transport in (('balance', 'inprocess'), ('learning_balance', 'ros'))
+    ]
+
+
+def test_a_difference_between_processes_is_found_over_ros(workspace: Path) -> None:
+    """By the lap and by the training; nothing else is wrong with it."""
+    check = ('-m', 'spikelane.main', 'check', 'by_process', '--transport', 'ros', '--json')
+    ended = run_python(workspace, *check)
+    assert ended.returncode == 1, ended.stderr
+    told = json.loads(ended.stdout)
+    assert (told['transport'], told['passed']) == ('ros', False)
+    assert told['violations'] == [
+        'by_process: lap over ROS: expected the same trajectory of 60 steps as in one process, '
+        'got another trajectory',
+        'by_process: training over ROS: expected the checkpoint of the same training in one '
+        'process, got another checkpoint',
+    ]
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('train', 'forgetful', '--transport', 'inprocess'),
+        ('train', 'forgetful', '--transport', 'ros'),
+        ('node', 'forgetful', '--ros-args', '-p', 'learning:=true', '-p', 'output:=forgotten'),
+    ],
+)
+def test_a_learner_without_parameters_is_refused_alike(
+    workspace: Path, arguments: tuple[str, ...]
+) -> None:
+    """With the same sentence in one process, over ROS and by the node itself; nothing is left."""
+    before = sorted(workspace.rglob('runs/*'))
+    ended = run_python(workspace, '-m', 'spikelane.main', *arguments)
+    assert ended.returncode == 2
+    assert ended.stderr.endswith(
+        'controller forgetful: expected a controller that can be trained, '
+        "got one without attribute 'parameters'\n"
+    )
+    assert 'Traceback' not in ended.stderr
+    assert sorted(workspace.rglob('runs/*')) == before
+    assert not (workspace / 'forgotten').exists()
 
 
 def test_what_learns_is_trained_by_a_launch_file(workspace: Path) -> None:
