@@ -139,7 +139,6 @@ class ControllerNode(Node):
         )
         self._subscribe()
         self._begin_to_look()
-        self.get_logger().info(f'waiting for observations, seed {self._settings.seed}')
         self._start()
 
     def halt(self, number: int) -> None:
