@@ -11,7 +11,7 @@ import pytest
 
 from spikelane.executables import find_executable
 from spikelane.lap import make_config
-from spikelane.nodes.graph import own_domain, running_nodes
+from spikelane.nodes.graph import own_domain, RECORDER_DEADLINE_S, running_nodes
 from spikelane.nodes.lap import node_parameters
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
@@ -130,6 +130,22 @@ def test_a_profile_of_the_users_own_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     assert Path(ours).name == 'spikelane_loopback.xml'
     wide = network_variables({PROFILE: ours, 'SPIKELANE_NETWORK': 'all'})[PROFILE]
     assert Path(wide).name == 'spikelane_all.xml'
+
+
+@pytest.mark.parametrize('network', ['loopback', 'all'])
+def test_nodes_of_a_lap_outlast_a_stop_as_long_as_the_lap_waits(
+    network: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recorder that others forget while it is stopped loses what they have sent to it."""
+    monkeypatch.delenv(PROFILE, raising=False)
+    monkeypatch.setenv('SPIKELANE_NETWORK', network)
+    usual = Path(network_variables(os.environ)[PROFILE]).read_text()
+    with own_domain() as environment:
+        patient = Path(environment[PROFILE]).read_text()
+    lease = '<leaseDuration><sec>{}</sec></leaseDuration>'
+    assert lease.format(900) in patient
+    assert patient.replace(lease.format(900), lease.format(20)) == usual
+    assert RECORDER_DEADLINE_S == 600.0
 
 
 def test_an_unknown_network_is_refused() -> None:

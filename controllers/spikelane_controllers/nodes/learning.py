@@ -9,6 +9,7 @@ from typing import Any
 
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from spikelane_msgs.msg import LaneState, Weights
 from spikelane_msgs.srv import Reset
@@ -28,10 +29,11 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
-from spikelane_sim.nodes.topics import LATCHED
 from spikelane_sim.parameters import parameter, Parameters
 
 WEIGHTS_EVERY_STEPS = 100
+# The window in which a controller waits for a recorder has room for fewer.
+_WEIGHTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +80,7 @@ class LearningNode(ControllerNode):
             self._scalars.close()
 
     def _make_driver(self, name: str) -> Controller:
-        self._weights = self.create_publisher(Weights, 'controller/weights', LATCHED)
+        self._weights = self.create_publisher(Weights, 'controller/weights', _WEIGHTS)
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
         check_learning_parameters(name, specs)
         if declare_parameter(self, specs['learning']):

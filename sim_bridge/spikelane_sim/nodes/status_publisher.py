@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+#: Messages, about one a second: a drive waits for a recorder for up to 10 minutes.
+_DEPTH = 1000
+
 
 class StatusPublisher:
     """Publishes the state of one node as a DiagnosticArray."""
@@ -21,7 +24,7 @@ class StatusPublisher:
         """
         self._node = node
         self._name, self._hardware_id = name, hardware_id
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', _DEPTH)
 
     def publish(self, message: str, values: Mapping[str, object], *, is_worrying: bool) -> None:
         """Publish the state.

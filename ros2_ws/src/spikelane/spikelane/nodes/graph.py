@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import os
+from pathlib import Path
+import tempfile
 import time
 from typing import Any
 
@@ -21,7 +23,7 @@ from spikelane.interruption import check
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
 from spikelane_sim.files import write_yaml
-from spikelane_sim.nodes.network import network_variables, RANGE
+from spikelane_sim.nodes.network import network_variables, PROFILE, RANGE
 
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
@@ -29,6 +31,9 @@ STALL_DEADLINE_S = 60.0
 #: A recorder that is merely slow, on a busy disk say, is waited for much longer.
 RECORDER_DEADLINE_S = 600.0
 _END_DEADLINE_S = 20.0
+#: How long a silent node is taken for alive: usually, and in a domain of our own.
+LEASE_S = 20
+PATIENT_LEASE_S = 900
 
 
 @contextlib.contextmanager
@@ -39,9 +44,11 @@ def own_domain() -> Iterator[dict[str, str]]:
         The environment variables that keep processes in it.
     """
     before = dict(os.environ)
-    with domain_id() as domain:
+    with domain_id() as domain, tempfile.TemporaryDirectory(prefix='spikelane_') as folder:
         own = {'ROS_DOMAIN_ID': str(domain), RANGE: 'LOCALHOST'}
         own |= network_variables(os.environ | own)
+        if PROFILE in own:  # and not one of the user's
+            own[PROFILE] = str(write_patient_profile(Path(own[PROFILE]), Path(folder)))
         # The supervisor reads them in this process, else it would meet other machines' nodes.
         os.environ |= own
         try:
@@ -49,6 +56,29 @@ def own_domain() -> Iterator[dict[str, str]]:
         finally:
             os.environ.clear()
             os.environ |= before
+
+
+def write_patient_profile(profile: Path, folder: Path) -> Path:
+    """Write a Fast DDS profile with which nodes do not forget one that was stopped for a while.
+
+    Elsewhere a node that is silent for 20 s is taken for dead: whoever was killed must be
+    forgotten. In a domain of our own the end of a process is noticed at once, and a recorder that
+    was forgotten while it was stopped would lack what was sent to it before.
+
+    Args:
+        profile: The usual one.
+        folder: Where to write the other.
+
+    Returns:
+        Its path.
+    """
+    usual = f'<leaseDuration><sec>{LEASE_S}</sec></leaseDuration>'
+    text = profile.read_text(encoding='utf-8')
+    assert text.count(usual) == 1
+    path = folder / 'fastdds.xml'
+    longer = usual.replace(f'{LEASE_S}', f'{PATIENT_LEASE_S}')
+    path.write_text(text.replace(usual, longer), encoding='utf-8')
+    return path
 
 
 @contextlib.contextmanager

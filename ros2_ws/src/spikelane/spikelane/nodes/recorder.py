@@ -4,6 +4,11 @@ Messages are not handed over one by one by an executor, which would cost ten tim
 recording them: 20 times a second the recorder takes all that has arrived, and the middleware's
 own time of reception becomes the log time. An executor serves only the parameters.
 
+Nothing is lost as long as publishers keep enough. Those of a drive hold back the next step before
+their history is full (`spikelane_sim.nodes.recorder_window`), and keep the last 1,000 messages of
+/diagnostics and the last 10 of controller/weights, more than come while they wait. What any other
+publisher keeps is its own affair. Lost messages are counted for each topic, and named at the end.
+
 After a kill, all that was flushed is in the bag, but the last file lacks its end, so that rosbags
 and other programs refuse it: `spikelane repair BAG` makes it whole.
 """
