@@ -104,6 +104,20 @@ def test_a_phase_without_a_loop_ends_too(number: int) -> None:
     assert time.monotonic() - start_s >= GRACE_S
 
 
+def test_ctrl_c_amid_the_first_imports_shows_no_traceback(tmp_path: Path) -> None:
+    """It ends the process, as the shell expects it."""
+    (tmp_path / 'argparse.py').write_text(
+        'import time; print("ready", flush=True); time.sleep(60)'
+    )
+    code = f'import sys; sys.path.insert(0, {str(tmp_path)!r})\n'
+    process = start('-c', f'{code}from spikelane.entry import main; main()')
+    assert process.stdout is not None
+    assert process.stdout.readline() == 'ready\n'
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, errors) == (-signal.SIGINT, '')
+
+
 @pytest.mark.parametrize('name', COMMANDS)
 def test_a_command_ends_at_a_random_moment(tmp_path: Path, name: str) -> None:
     """With exit status 143 and no word, whatever it is doing."""

@@ -27,7 +27,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'spikelane = spikelane.main:main',
+            'spikelane = spikelane.entry:main',
             'recorder = spikelane.nodes.recorder:main',
             'replay = spikelane.nodes.replay:main',
             'viewer = spikelane.nodes.viewer:main',
