@@ -318,6 +318,20 @@ def test_one_bad_word_of_a_camera_costs_one_word(
     assert all(str(count) in sensor.notes[kind] for kind, count in counted.items())
 
 
+@pytest.mark.parametrize('bit', range(12))
+def test_a_damaged_time_word_restarts_nothing(bit: int) -> None:
+    """A flipped bit in the tenth of 20 TIME_HIGH words of a packet costs an event at most."""
+    sensor, steps = camera(), 0
+    for number, recorded in enumerate(RecordedDrive(DATA / 'plain.mcap').packets()):
+        words = np.frombuffer(recorded.packet.data, '<u2').copy()
+        if number == 100:
+            words[np.flatnonzero(words >> 12 == 8)[9]] ^= 1 << bit
+        steps += len(sensor.add(recorded.packet._replace(data=words.tobytes())))
+    assert (sensor.restarts, steps) == (0, 19)
+    assert sensor.on + sensor.off + sensor.mistimed == 4000
+    assert sensor.mistimed <= 1
+
+
 def test_a_still_scene_gives_empty_steps() -> None:
     """Of 119 steps 80 have no event, one after the other."""
     empty = [len(step.events) == 0 for step in of_bag('time_words')[1]]

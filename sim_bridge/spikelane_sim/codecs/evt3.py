@@ -181,17 +181,16 @@ def decode(
     events = np.empty(room, EVENT_RECORD)
     # Tuples of numbers, for the compiler keeps these in registers.
     clock, place = (state[0], state[1], state[2]), (state[3], state[4], state[5])
-    n, reserved, outside, latest_us, last_time_word_us, is_in_order = (
-        0,
-        0,
-        0,
-        NO_TIME,
-        NO_TIME,
-        True,
-    )
+    n, reserved, outside, mistimed = 0, 0, 0, 0
+    latest_us, last_time_word_us = NO_TIME, NO_TIME
+    is_in_order, is_time_wrong = True, False
     for i in range(len(data) // 2):
         word = uint_at(data, 2 * i, 2)
         code, value = word >> 12, word & 0xFFF
+        if code == TIME_HIGH:
+            is_time_wrong = clock[0] != _STANDS and _is_contradicted(data, i, clock[1])
+            if is_time_wrong:
+                continue
         if code in (TIME_LOW, TIME_HIGH):
             clock = _tick(clock, code, value)
             # The low part that belongs to a TIME_HIGH is yet to come.
@@ -203,7 +202,10 @@ def decode(
             continue
         t_us = _time(clock[1] | clock[2], anchor_us)
         while mask:
-            if mask & 1 and x < width and place[0] < height:
+            is_inside = x < width and place[0] < height
+            if mask & 1 and is_inside and is_time_wrong:
+                mistimed += 1
+            elif mask & 1 and is_inside:
                 is_in_order &= t_us >= latest_us
                 latest_us = t_us
                 anchor_us = t_us if anchor_us != NO_ANCHOR else NO_ANCHOR
@@ -216,7 +218,8 @@ def decode(
     state[3], state[4], state[5] = place
     ordered = events[:n] if is_in_order else put_in_order(events[:n], BACK_US * 1000)
     last_time_word_us = last_time_word_us if clock[0] != _STANDS else NO_TIME
-    return ordered, FINE, reserved, outside, n - len(ordered), last_time_word_us
+    mistimed += n - len(ordered)
+    return ordered, FINE, reserved, outside, mistimed, last_time_word_us
 
 
 @numba.njit(cache=True)
@@ -245,6 +248,30 @@ def _tick(clock: _Clock, code: int, value: int) -> _Clock:
     came_round = latest_bits_us - bits_us > SLACK_US
     high_us = high_us - latest_bits_us + bits_us + (ROUND_US if came_round else 0)
     return max(sync, _NEEDS_LOW), high_us, low_us
+
+
+@numba.njit(cache=True)
+def _is_contradicted(data: NDArray[np.uint8], i: int, high_us: int) -> bool:
+    """Return whether the TIME_HIGH at word i is damaged, and not the first one after a jump.
+
+    It is damaged if it does not continue the time so far, but the packet's next TIME_HIGH does.
+    If the packet has no further TIME_HIGH, this cannot be decided and the word is taken as right.
+    """
+    this_us = (uint_at(data, 2 * i, 2) & 0xFFF) << 12
+    if _continues(high_us, this_us):
+        return False
+    for j in range(i + 1, len(data) // 2):
+        word = uint_at(data, 2 * j, 2)
+        if word >> 12 == TIME_HIGH:
+            next_us = (word & 0xFFF) << 12
+            return _continues(high_us, next_us) and not _continues(this_us, next_us)
+    return False
+
+
+@numba.njit(cache=True)
+def _continues(high_us: int, next_us: int) -> bool:
+    """Return whether a TIME_HIGH is at most SLACK_US from another, however often it came round."""
+    return ((next_us - high_us + SLACK_US) & (ROUND_US - 1)) <= 2 * SLACK_US
 
 
 @numba.njit(cache=True)

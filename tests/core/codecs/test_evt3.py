@@ -253,6 +253,37 @@ def test_a_decoder_takes_a_small_fall_of_time_high_for_no_round() -> None:
     assert follow(decoder, 'ea80 0060 0128') == [(16_777_216_000 + 0xEA000 * 1000, 1, 0, 1)]
 
 
+@pytest.mark.parametrize(
+    ('wrong', 'next_high', 't_us', 'mistimed'),
+    [
+        ('ff80', '0280', 0x2000, 1),  # TIME_HIGH 0x0FF between 1 and 2: far ahead
+        ('f187', '0280', 0x2000, 1),  # 0x7F1: 8 s ahead, as if it had come round afterwards
+        ('f08f', '0280', 0x2000, 1),  # 0xFF0: 17 counts back, as if it had come round
+        ('ff80', '0081', 0x100000, 0),  # 0x0FF, then 0x100: time has jumped
+        ('0280', '0380', 0x3000, 0),
+    ],
+)
+def test_a_damaged_time_high_costs_the_events_up_to_the_next(
+    wrong: str, next_high: str, t_us: int, mistimed: int
+) -> None:
+    """If the next one continues the time before it; the time goes on without a round too many."""
+    decoder = Decoder()
+    words = f'{START} 0a28 {wrong} 0060 0b28 {next_high} 0060 0c28'
+    decoded = decoder.decode_packet('evt3', bytes.fromhex(words), 0, 0, 640, 480)
+    assert decoded.dropped == (0, 0, mistimed)
+    assert rows(decoded.events)[0] == (4_098_000, 10, 3, 1)
+    assert rows(decoded.events)[-1] == (t_us * 1000, 12, 3, 1)
+    assert len(decoded.events) == 3 - mistimed
+    assert decoded.time_ns == t_us * 1000
+
+
+def test_a_damaged_time_high_at_a_packets_end_cannot_be_told_from_a_jump() -> None:
+    """It is taken as it is, and time seems to have come round with the next packet."""
+    decoder = Decoder()
+    follow(decoder, START + '0a28 f187')
+    assert follow(decoder, '0280 0060 0b28') == [(16_777_216_000 + 0x2000 * 1000, 11, 3, 1)]
+
+
 def test_a_decoder_holds_a_time_that_falls_a_little_within_a_packet() -> None:
     """Cameras do that; the events are kept, in order."""
     events = follow(Decoder(), START + '0a28 0060 0b28')
