@@ -60,7 +60,7 @@ class Stop:
     that, a second one say, would wait for itself for ever.
 
     Attributes:
-        number: Of the first signal that came; 0 where none has.
+        number: Number of the first signal that came; 0 where none has.
     """
 
     def __init__(self) -> None:
