@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import functools
 import importlib
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, EntryPoint
 import re
 from typing import Any, cast, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
 
@@ -56,8 +56,7 @@ class ControllerClass(Protocol):
 class _Entry(NamedTuple):
     """Where something registered is."""
 
-    module: str
-    attribute: str
+    place: str  # module:attribute
     package: str
 
 
@@ -92,9 +91,15 @@ def controller_class(name: str) -> ControllerClass:
     """Return the class of a controller.
 
     Raises:
-        ParameterError: No controller has this name, or another package's cannot be imported.
+        ParameterError: No controller has this name, or another package's cannot be imported or
+            is no such class.
     """
-    return cast(ControllerClass, _load(CONTROLLER_GROUP, name))
+    found = _load(CONTROLLER_GROUP, name)
+    if not hasattr(found, 'parameters_class'):
+        raise ParameterError(
+            f'controller {name}: expected a class with parameters_class, got {found!r:.200}'
+        )
+    return cast(ControllerClass, found)
 
 
 def training_class(name: str) -> type[Training]:
@@ -130,18 +135,19 @@ def _load(group: str, name: str) -> object:
         raise ParameterError(f'controller: expected one of {", ".join(known)}, got {name!r}')
     entry = known[name]
     try:
-        return getattr(importlib.import_module(entry.module), entry.attribute)
-    except (ImportError, AttributeError) as error:
+        return EntryPoint(name, entry.place, group).load()
+    # Another package's module can raise anything; one that calls sys.exit must not end us.
+    except (Exception, SystemExit) as error:
         raise ParameterError(
-            f'controller {name}: expected {entry.module}:{entry.attribute} as package '
-            f'{entry.package} says, got {error!r}'
+            f'controller {name}: expected {entry.place}, which package {entry.package} registers '
+            f'in {group}, got {error!r:.200}'
         ) from error
 
 
 @functools.cache
 def _entries(group: str) -> dict[str, _Entry]:
     """Return what is registered, this package's first, then that of others by name."""
-    found = {name: _Entry(*place, _PACKAGE) for name, place in _OWN[group].items()}
+    found = {name: _Entry(':'.join(place), _PACKAGE) for name, place in _OWN[group].items()}
     for point in sorted(entry_points(group=group), key=lambda point: point.name):
         package = point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
         if not _NAME.fullmatch(point.name) or point.name in found:
@@ -149,5 +155,5 @@ def _entries(group: str) -> dict[str, _Entry]:
                 f'{group}: expected a name of a-z, 0-9 and _ that no other package has, '
                 f'got {point.name!r} of package {package}'
             )
-        found[point.name] = _Entry(point.module, point.attr, package)
+        found[point.name] = _Entry(point.value, package)
     return found

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from spikelane.main import run
 from spikelane_controllers import registry
 from spikelane_controllers.braitenberg import Braitenberg
 from spikelane_controllers.registry import (
@@ -107,11 +108,60 @@ def test_a_controller_cannot_have_every_name(
         controller_names()
 
 
-@pytest.mark.parametrize('place', ['no_such_module:X', 'os:NoSuch'])
-def test_a_controller_that_is_not_there_is_told_in_one_sentence(
-    place: str, install: Callable[[str, str, str], None]
+@pytest.mark.parametrize(
+    ('place', 'cause'),
+    [
+        ('no_such_module:X', 'ModuleNotFoundError'),
+        ('os:NoSuch', 'AttributeError'),
+        ('?', 'AttributeError'),
+        ('raises:X', "RuntimeError('no licence found')"),
+        ('exits:X', 'SystemExit(0)'),
+        ('wrong:X', 'SyntaxError'),
+    ],
+)
+def test_a_controller_that_cannot_be_imported_is_told_in_one_sentence(
+    place: str, cause: str, tmp_path: Path, install: Callable[[str, str, str], None]
 ) -> None:
-    """With the package that promised it."""
-    install('p', 'spikelane.controllers', f'abc = {place}')
-    with pytest.raises(ParameterError, match=f'controller abc: expected {place} as package p'):
-        make_controller('abc')
+    """With its entry point, the package that promised it, and what its module raised."""
+    (tmp_path / 'raises.py').write_text("raise RuntimeError('no licence\\nfound')\n")
+    (tmp_path / 'exits.py').write_text('import sys\nsys.exit(0)\n')
+    (tmp_path / 'wrong.py').write_text('class X(:\n')
+    for group, load in (
+        ('spikelane.controllers', make_controller),
+        ('spikelane.trainings', training_class),
+    ):
+        install(f'p.{group}', group, f'abc = {place}')
+        with pytest.raises(ParameterError) as caught:
+            load('abc')
+        text = str(caught.value)
+        expected = (
+            f'controller abc: expected {place}, which package p.{group} registers in {group}'
+        )
+        assert text.startswith(f'{expected}, got ')
+        assert cause in text.replace('\\n', ' ')
+
+
+def test_what_is_no_controller_is_refused(install: Callable[[str, str, str], None]) -> None:
+    """Before anything is asked of it."""
+    install('p', 'spikelane.controllers', 'abc = os:path')
+    with pytest.raises(ParameterError, match='controller abc: expected a class with param'):
+        controller_class('abc')
+
+
+def test_a_controller_that_cannot_be_imported_is_in_the_way_of_no_other(
+    tmp_path: Path,
+    install: Callable[[str, str, str], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It is named among all, and only a command that is to use it ends, with one line."""
+    (tmp_path / 'raises.py').write_text("raise RuntimeError('no licence found')\n")
+    install('p', 'spikelane.controllers', 'abc = raises:X')
+    short = ['--transport', 'inprocess', '--robot', 'kinematic']
+    short += ['--param', 'simulator.episode.max_steps=5']
+    for name, status in (('braitenberg', 1), ('abc', 2)):  # the lap is not completed
+        out = str(tmp_path / name)
+        assert run(['lap', '--controller', name, *short, '--out', out]) == status
+        assert (tmp_path / name / 'metrics.json').exists() == (name == 'braitenberg')
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith('spikelane lap: controller abc: expected raises:X, which package p ')
+    assert "RuntimeError('no licence found')" in line
