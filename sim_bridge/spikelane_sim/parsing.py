@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,9 @@ MAX_DEPTH = 32
 
 #: Values in a YAML document once all aliases are written out.
 MAX_VALUES = 300_000
+
+# A whole number beyond would fail wherever it becomes a float or a part of an array.
+_SMALLEST, _LARGEST = -(2**63), 2**64 - 1
 
 # LibYAML reads many files in a fraction of the time, where PyYAML has it.
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -44,7 +48,8 @@ def parse_json(text: str | bytes) -> Any:
     """Return what a JSON text says.
 
     Raises:
-        ParseError: It is not JSON, not UTF-8, or nested too deeply.
+        ParseError: It is not JSON, not UTF-8, nested too deeply, or has a number that is not
+            finite or a whole number beyond 64 bits.
     """
     try:
         value = json.loads(text)
@@ -52,7 +57,7 @@ def parse_json(text: str | bytes) -> Any:
         raise _too_deep() from None
     except ValueError as error:  # UnicodeDecodeError and numbers of too many digits too
         raise ParseError(f'not JSON: {_reason(error)}') from None
-    _check_size(value, None, _items)
+    _check_size(value, None, _json_items)
     return value
 
 
@@ -60,7 +65,8 @@ def parse_yaml(text: str) -> Any:
     """Return what a YAML text says, as dicts, lists, texts, numbers and dates.
 
     Raises:
-        ParseError: It is not YAML, a value does not fit its tag, or it exceeds a limit.
+        ParseError: It is not YAML, a value does not fit its tag, or it exceeds a limit, as whole
+            numbers beyond 64 bits do.
     """
     node = _compose(text, _LOADER)
     return None if node is None else construct_yaml(node)
@@ -197,11 +203,20 @@ def _items(value: Any) -> Iterator[Any]:
             value.encode()
         except UnicodeEncodeError:
             raise ParseError('expected texts that UTF-8 can encode') from None
+    elif isinstance(value, int) and not _SMALLEST <= value <= _LARGEST:
+        raise ParseError('expected whole numbers of at most 64 bits')
     elif isinstance(value, Mapping):
         yield from value
         yield from value.values()
     elif isinstance(value, (list, tuple, set)):
         yield from value
+
+
+def _json_items(value: Any) -> Iterator[Any]:
+    # Python reads NaN, Infinity and 1e999, which JSON lacks and we never write.
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ParseError(f'not JSON: expected finite numbers, got {value}')
+    return _items(value)
 
 
 def _nodes(node: Any) -> Iterator[Any]:

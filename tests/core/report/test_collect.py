@@ -238,7 +238,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     assert [lap.folder for lap in found.laps] == [tmp_path / 'a']
     assert LeftOut(f'{tmp_path}: x', 'no such course') in found.left_out
     assert LeftOut(str(tmp_path / 'b'), 'not finished: no metrics.json') in found.left_out
-    why = 'metrics.json: expected steps, got none: is it of another version?'
+    why = 'metrics.json: steps: expected a whole number, got none: is the file of another version?'
     assert LeftOut(str(tmp_path / 'f'), why) in found.left_out
     assert [each.what for each in found.left_out] == [
         f'{tmp_path}: x',

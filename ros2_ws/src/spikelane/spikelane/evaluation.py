@@ -19,7 +19,7 @@ from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import METHOD, share_statistics
-from spikelane.summary import summarise, summarise_by_lane
+from spikelane.summary import check_lap_time, summarise, summarise_by_lane, SummarisedLap
 from spikelane.trajectory import read_csv, Trajectory, write_csv
 from spikelane.transport import over_ros
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
@@ -28,6 +28,14 @@ from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.files import write_json
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.random_course import expand_courses
+
+
+class LapRow(SummarisedLap):
+    """What is used of the metrics of an evaluation's lap."""
+
+    steps: int
+    operations: Operations | None
+
 
 #: Shows how an evaluation goes on: steps driven, share of it that is done.
 ShowShare = Callable[[int, float], None]
@@ -262,10 +270,10 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
     if folder.metrics.exists():
-        return folder.read_metrics()
+        return folder.read_metrics(LapRow, check_lap_time)
     # What was being driven when somebody stopped it begins anew.
     shutil.rmtree(path, ignore_errors=True)
-    path.mkdir(parents=True)
+    RunFolder.create(path, numbered=False)
     driven = _drive(each.config, folder, show)
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)

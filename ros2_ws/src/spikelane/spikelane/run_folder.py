@@ -21,9 +21,10 @@ Every file is written whole (`spikelane_sim.files`). A finished run is never wri
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import contextlib
 import dataclasses
+import errno
 import functools
 import importlib.metadata
 import itertools
@@ -34,7 +35,8 @@ import subprocess
 from typing import Any, Protocol
 
 from spikelane.inputs import input_digests
-from spikelane_sim.files import FileError, write_json, write_yaml
+from spikelane_sim.files import FileError, write_json, write_yaml, WriteError
+from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parameters import first_difference
 from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 
@@ -97,15 +99,15 @@ class RunFolder:
             RunFolderError: The folder cannot be made, or (not `numbered`) has something in it.
         """
         path = Path(path)
-        _make_folder(path.parent, exist_ok=True)
+        make_folder(path.parent, exist_ok=True)
         if not numbered:
-            _make_folder(path, exist_ok=True)
+            make_folder(path, exist_ok=True)
             if any(path.iterdir()):
                 raise RunFolderError(f'{path}: expected a new or empty folder, got one in use')
             return cls(path)
         for candidate in _candidates(path):
             with contextlib.suppress(FileExistsError):
-                _make_folder(candidate)
+                make_folder(candidate)
                 return cls(candidate)
         raise AssertionError('numbers do not end')
 
@@ -123,7 +125,12 @@ class RunFolder:
         """
         run.check()
         folder = cls.create(out or RUNS / run.usual_name, numbered=out is None)
-        folder.write_config(run.to_dict())
+        try:
+            folder.write_config(run.to_dict())
+        except WriteError:
+            with contextlib.suppress(OSError):
+                folder.path.rmdir()
+            raise
         return folder
 
     @property
@@ -198,16 +205,30 @@ class RunFolder:
         """Write `metrics.json`."""
         write_json(self.metrics, values)
 
-    def read_metrics(self) -> dict[str, Any]:
-        """Read `metrics.json`.
+    def read_metrics(
+        self, kind: Any = dict[str, Any], check: Callable[[Any], None] | None = None
+    ) -> dict[str, Any]:
+        """Read `metrics.json`; arguments and errors are those of `read_json`."""
+        return dict(self.read_json(self.metrics.name, kind, check))
+
+    def read_json(self, name: str, kind: Any, check: Callable[[Any], None] | None = None) -> Any:
+        """Read a JSON file of the folder.
+
+        Args:
+            name: Of the file.
+            kind: What it must be, as in `kinds.check_kind`.
+            check: Checks relations between its values; raises KindError.
 
         Raises:
-            FileError: It is not there, or not JSON.
+            FileError: It is not there, not JSON, or of another kind.
         """
         try:
-            return dict(read_json_file(self.metrics))
-        except (ValueError, TypeError) as error:
-            raise FileError(f'{self.metrics}: expected metrics, got none: {error}') from None
+            value = check_kind(read_json_file(self.path / name), kind)
+            if check is not None:
+                check(value)
+        except (ParseError, KindError) as error:
+            raise FileError(f'{self.path / name}: {error}') from None
+        return value
 
     def write_json(self, name: str, values: Mapping[str, Any]) -> None:
         """Write another JSON file into the folder."""
@@ -280,11 +301,18 @@ def _candidates(path: Path) -> Iterator[Path]:
     yield from (path.with_name(f'{path.name}-{number}') for number in itertools.count(2))
 
 
-def _make_folder(path: Path, exist_ok: bool = False) -> None:
-    """Make a folder; one that exists stays a FileExistsError unless that is fine."""
+def make_folder(path: Path, exist_ok: bool = False) -> None:
+    """Make a folder, and where `exist_ok` those above it.
+
+    Raises:
+        FileExistsError: It exists, and that is not fine.
+        RunFolderError: It cannot be made.
+        WriteError: It cannot be made since the disk is full.
+    """
     try:
         path.mkdir(parents=exist_ok, exist_ok=exist_ok)
     except OSError as error:
         if isinstance(error, FileExistsError) and not exist_ok:
             raise
-        raise RunFolderError(f'{path}: cannot be made: {error.strerror}') from error
+        kind = WriteError if error.errno in (errno.ENOSPC, errno.EDQUOT) else RunFolderError
+        raise kind(f'{path}: cannot be made: {error.strerror}') from error

@@ -16,9 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from typing import Any
+from typing import Any, TypedDict
 
 from spikelane.statistics import effective_units, mean_statistics, share_statistics
+from spikelane_sim.kinds import check_kind
 
 #: What a unit can be, and its plural.
 UNITS = {'training': 'trainings', 'course': 'courses', 'seed': 'seeds'}
@@ -37,8 +38,39 @@ MEASURES = {
 #: Measured of all laps.
 MEASURES_OF_ALL = {'progress_m': -math.inf}
 
+
+class SummarisedLap(TypedDict):
+    """What laps are summarised by."""
+
+    course: str
+    lane: str
+    seed: int
+    completed: bool
+    mean_abs_distance_m: float
+    max_abs_distance_m: float
+    mean_distance_m: float
+    std_distance_m: float
+    lap_time_s: float | None  # of a completed lap a number
+    mean_speed_m_s: float
+    progress_m: float
+
+
 #: What two identical drives differ in all the same.
 _NAMES = ('seed', 'training')
+
+
+def check_lap_time(row: Mapping[str, Any], name: str = '') -> None:
+    """Check that a lap with checked values has a time if it was completed.
+
+    Args:
+        row: Its metrics.
+        name: Of the lap in the file, with a point after it.
+
+    Raises:
+        KindError: It has none.
+    """
+    if row['completed']:
+        check_kind(row['lap_time_s'], float, f'{name}lap_time_s')
 
 
 def unit_of(rows: Sequence[Mapping[str, Any]]) -> str:

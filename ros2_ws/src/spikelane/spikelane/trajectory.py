@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 import csv
 import dataclasses
 import io
+import math
 import operator
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _NO_COMMAND = (float('nan'), float('nan'))
+_COMMANDS = ('left_rad_s', 'right_rad_s')
+_INT64 = 2**63
 _CSV_ROWS = 10_000  # that are turned into text at a time
 
 
@@ -243,6 +246,8 @@ def read_csv(path: Path) -> Trajectory:
     expected = ['lane', *COLUMNS, 'reason']
     if not rows or rows[0] != expected:
         raise TrajectoryError(f'{path}: expected the columns {", ".join(expected)}')
+    if len(rows) == 1:
+        raise TrajectoryError(f'{path}: expected at least one observation, got none')
     for line, row in enumerate(rows[1:], 2):
         if len(row) != len(expected):
             raise TrajectoryError(
@@ -262,13 +267,25 @@ def _headings(x: Floats, y: Floats, z: Floats, w: Floats) -> Floats:
 
 
 def _parse(path: Path, name: str, texts: tuple[str, ...]) -> NDArray[np.generic]:
-    convert = {np.int64: int, np.float64: float, np.str_: str}[_KINDS[name]]
+    kind = _KINDS[name]
+    convert: type = {np.int64: int, np.float64: float, np.str_: str}[kind]
     values = []
     for line, text in enumerate(texts, 2):
         try:
-            values.append(convert(text))
+            value = convert(text)
+            if not _is_allowed(name, value):
+                raise ValueError
         except ValueError:
+            expected = 'a whole number of 64 bits' if kind is np.int64 else 'a number'
             raise TrajectoryError(
-                f'{path}:{line}: {name}: expected a number, got {text!r}'
+                f'{path}:{line}: {name}: expected {expected}, got {text!r:.80}'
             ) from None
-    return np.array(values, _KINDS[name])
+        values.append(value)
+    return np.array(values, kind)
+
+
+def _is_allowed(name: str, value: Any) -> bool:
+    if isinstance(value, int):
+        return -_INT64 <= value < _INT64
+    # Where there was no command, there is NaN.
+    return isinstance(value, str) or math.isfinite(value) or name in _COMMANDS

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import json
 import math
-from typing import Any
+from typing import Any, TypedDict
 
 from spikelane.experiment.runner import Status
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, time_statistics
-from spikelane.summary import summarise_by_lane
+from spikelane.summary import check_lap_time, summarise_by_lane, SummarisedLap
 
 #: Metrics that are no results of a run, or not comparable.
 _NOT_MEASURED = ('seed', 'seeds', 'wall_time_s')
@@ -33,6 +33,26 @@ _NOT_NEGATIVE = (
 )
 
 RESULTS_FILE = 'results.json'
+
+
+class _Driven(TypedDict):
+    steps: int
+
+
+class _TrainingMetrics(_Driven, total=False):
+    last_lane_loss_step: int
+    settled: bool
+    solved_at: int | None
+    solved_by: int | None
+
+
+class _EvaluationMetrics(TypedDict, total=False):
+    laps: list[SummarisedLap]
+    operations: dict[str, float] | None
+
+
+#: What is used of the metrics of a task's runs, beside numbers.
+_METRICS = {'train': _TrainingMetrics, 'evaluate': _EvaluationMetrics}
 
 
 def experiment_results(name: str, statuses: Sequence[Status]) -> dict[str, Any]:
@@ -82,7 +102,12 @@ def _groups(statuses: Sequence[Status]) -> list[dict[str, Any]]:
 
 
 def _group(members: Sequence[Status]) -> dict[str, Any]:
-    found = [status.folder.read_metrics() for status in members if status.folder is not None]
+    kind = _METRICS.get(members[0].run.task, dict[str, Any])
+    found = [
+        status.folder.read_metrics(kind, _check_lap_times)
+        for status in members
+        if status.folder is not None
+    ]
     names = [name for name, value in found[0].items() if _is_measured(name, value)]
     group = {
         **_place(members[0]),
@@ -101,11 +126,18 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
             for name in counted[0]
             if all(name in operations for operations in counted)
         }
-    if times := {name: _times(name, found) for name in _TIMES if name in found[0]}:
+    if times := {
+        name: _times(name, found) for name in _TIMES if all(name in metrics for metrics in found)
+    }:
         group['times'] = times
     if laps := _laps(members, found):
         group['laps'] = summarise_by_lane(laps)
     return group
+
+
+def _check_lap_times(metrics: Mapping[str, Any]) -> None:
+    for number, lap in enumerate(metrics.get('laps', ())):
+        check_lap_time(lap, f'laps[{number}].')
 
 
 def _bounds(name: str) -> tuple[float, float]:
@@ -166,7 +198,7 @@ def _place(status: Status) -> dict[str, Any]:
 def _is_measured(name: str, value: object) -> bool:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     is_other = name in _NOT_MEASURED or name in _TIMES
-    return is_number and math.isfinite(value) and not is_other  # type: ignore[arg-type]
+    return is_number and not is_other
 
 
 def write_results(folder: RunFolder, results: Mapping[str, Any]) -> None:

@@ -13,16 +13,15 @@ import json
 from pathlib import Path
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict
 
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.experiment.tasks import Point, task_named
+from spikelane.experiment.tasks import Configured, Point, Task, task_named
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import FileError, write_bytes_atomically
-from spikelane_sim.parsing import ParseError, read_json_file
 
 PROGRESS_FILE = 'progress.json'
 LOG = Path('logs') / 'worker.log'
@@ -34,6 +33,19 @@ ONE_THREAD = dict.fromkeys(
 
 _PERIOD_S = 0.5
 _LOCK_S = 30.0  # for the process before, whose runner was killed, to notice and end
+
+
+class _Identity(TypedDict):
+    task: str
+
+
+class _RunFile(TypedDict):
+    """What a run's process needs of `run.json`."""
+
+    point: Point
+    options: dict[str, Any]
+    checkpoint: str | None
+    identity: _Identity
 
 
 class Progress(NamedTuple):
@@ -75,7 +87,20 @@ def do_run(folder: RunFolder) -> None:
     """
     if folder.metrics.exists():
         return
-    values = _read(folder.path / RUN_FILE)
+    task, config = read_run(folder)
+    folder.write_config(config.to_dict())
+    with contextlib.suppress(OSError):
+        (folder.path / PROGRESS_FILE).unlink()
+    task.run(config, folder, _Reporter(folder.path / PROGRESS_FILE))
+
+
+def read_run(folder: RunFolder) -> tuple[Task, Configured]:
+    """Return what the run in a folder is, and what determines it.
+
+    Raises:
+        SpikelaneError: `run.json` cannot be read, or something in it is not allowed.
+    """
+    values = folder.read_json(RUN_FILE, _RunFile)
     task = task_named(values['identity']['task'])
     checkpoint = values['checkpoint']
     config = task.configure(
@@ -83,17 +108,14 @@ def do_run(folder: RunFolder) -> None:
         task.options.from_mapping(values['options']),
         None if checkpoint is None else str((folder.path / checkpoint).resolve()),
     )
-    folder.write_config(config.to_dict())
-    with contextlib.suppress(OSError):
-        (folder.path / PROGRESS_FILE).unlink()
-    task.run(config, folder, _Reporter(folder.path / PROGRESS_FILE))
+    return task, config
 
 
 def read_progress(folder: RunFolder) -> Progress | None:
     """Return how far a run says it is, None where it has not said anything."""
     try:
-        return Progress(**read_json_file(folder.path / PROGRESS_FILE))
-    except (ParseError, TypeError):
+        return Progress(**folder.read_json(PROGRESS_FILE, Progress))
+    except FileError:
         return None
 
 
@@ -125,13 +147,6 @@ def _folder(path: Path) -> RunFolder:
             'folder'
         )
     return RunFolder(path)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return dict(read_json_file(path))
-    except (TypeError, ValueError) as error:
-        raise FileError(f'{path}: expected what a run is, got a file unread: {error}') from None
 
 
 if __name__ == '__main__':

@@ -14,6 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.report.kinds import (
+    check_config,
+    EvaluationMetrics,
+    LapMetrics,
+    LapOfEvaluation,
+    Results,
+    TransferMetrics,
+    UNUSABLE,
+)
 from spikelane.report.runs import (
     Conditions,
     Lap,
@@ -25,32 +34,19 @@ from spikelane.report.runs import (
 )
 from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
 from spikelane.run_folder import RunFolder
+from spikelane.summary import check_lap_time
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.convergence import RateError
 from spikelane_controllers.dqn_training import Outcome
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_controllers.state import mapping, number, records
 from spikelane_controllers.training import Termination
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.files import FileError
+from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 from spikelane_sim.random_course import PREFIX as RANDOM_PREFIX
 
 _RESULTS_FILE = 'results.json'
-
-_LAP_METRICS: Mapping[str, type] = {
-    'completed': bool,
-    'steps': int,
-    'mean_abs_distance_m': float,
-    'max_abs_distance_m': float,
-    'mean_distance_m': float,
-}
-_TRANSFER_METRICS: Mapping[str, type] = {
-    'accuracy': float,
-    'training_accuracy': float,
-    'states': int,
-    'maximum': int,
-}
 
 
 class ReportError(SpikelaneError):
@@ -154,7 +150,7 @@ def _add(runs: Runs, folder: Path) -> None:
             runs.trainings.append(_training_of_checkpoint(folder))
         else:
             _add_experiment(runs, folder)
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except UNUSABLE as error:
         why = f'not a run of this version: {error!r}'
         why = str(error) if isinstance(error, SpikelaneError) else why
         runs.left_out.append(LeftOut(str(folder), why))
@@ -162,13 +158,12 @@ def _add(runs: Runs, folder: Path) -> None:
 
 def _add_run(runs: Runs, folder: Path) -> None:
     try:
-        config = read_yaml_file(folder / 'config.yaml')
-    except ParseError as error:
+        config = check_kind(read_yaml_file(folder / 'config.yaml'), dict[str, Any])
+        if not (folder / 'metrics.json').exists():
+            raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
+        check_config(config)
+    except (ParseError, KindError) as error:
         raise FileError(f'config.yaml: {error}') from None
-    if not isinstance(config, Mapping):
-        raise FileError('config.yaml: expected names and values')
-    if not (folder / 'metrics.json').exists():
-        raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
     metrics = RunFolder(folder).read_metrics()
     if 'transfer' not in config:
         controller_class(str(config.get('controller')))  # that there is one
@@ -191,7 +186,7 @@ def _how_far(folder: Path, config: Mapping[str, Any]) -> str:
         done = read_checkpoint(folder, str(config.get('controller'))).facts.get('steps')
     except CheckpointError:
         return ''
-    return '' if steps is None or done is None else f', at step {done:,} of {steps:,}'
+    return f', at step {done:,} of {steps:,}' if steps and isinstance(done, int) else ''
 
 
 def _lap(
@@ -220,12 +215,13 @@ def _evaluated(
     folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]
 ) -> Iterator[Lap]:
     """Yield an evaluation's laps; each has a folder of its own."""
+    _check(metrics, EvaluationMetrics)
     several = len({row['course'] for row in metrics['laps']}) > 1
     given = bool(config['evaluation'].get('courses')) or several
     names = sorted(path.parent.name for path in RunFolder(folder).laps.glob('*/metrics.json'))
     for name in names:
         path = RunFolder(folder).laps / name
-        row = RunFolder(path).read_metrics()
+        row = RunFolder(path).read_metrics(LapOfEvaluation)
         own = {'scenario': row['course'], 'evaluated_for': config['scenario']}
         where = {**config, **own} if given else config
         is_one_of_many = several and row['course'].startswith(RANDOM_PREFIX)
@@ -261,12 +257,12 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
             # A node learns wherever its topics come from.
             if 'scenario' not in mapping(facts, 'config'):
                 raise CheckpointError('checkpoint.safetensors: does not say what was driven on')
-            return _training(folder, facts['config'], {})
+            return _training(folder, check_config(facts['config']), {})
     raise CheckpointError("checkpoint.safetensors: expected a training's checkpoint")
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
-    _check_transfer(metrics)
+    _check(metrics, TransferMetrics)
     return TransferRun(
         controller='dqn_snn',
         scenario=scenario_name(config),
@@ -284,63 +280,26 @@ def _check_lap(metrics: Mapping[str, Any]) -> None:
     Raises:
         FileError: Something is missing or of another kind.
     """
-    _check(metrics, _LAP_METRICS)
-    if 'lap_time_s' not in metrics or metrics['completed'] or metrics['lap_time_s'] is not None:
-        _check(metrics, {'lap_time_s': float})
-    operations = metrics.get('operations')
-    if operations is not None:
-        _check(_mapping(operations, 'operations'), dict.fromkeys(operations, int))
+    _check(metrics, LapMetrics)
+    try:
+        check_lap_time(metrics)
+    except KindError as error:
+        raise FileError(f'metrics.json: {error}') from None
 
 
-def _check_transfer(metrics: Mapping[str, Any]) -> None:
-    """Check that metrics have what the tables and figures of transfers are made of.
-
-    Raises:
-        FileError: Something is missing or of another kind.
-    """
-    _check(metrics, _TRANSFER_METRICS)
-    for name, errors in _mapping(metrics.get('rates'), 'rates').items():
-        if not isinstance(errors, list):
-            raise FileError(f'metrics.json: rates: {name}: expected a list, got {errors!r:.80}')
-        for each in errors:
-            _check(_mapping(each, name), dict.fromkeys(RateError._fields, float))
-
-
-def _mapping(value: Any, name: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise FileError(f'metrics.json: {name}: expected names and values, got {value!r:.80}')
-    return value
-
-
-def _check(metrics: Mapping[str, Any], kinds: Mapping[str, type]) -> None:
-    """Check that metrics have finite values of these kinds.
-
-    Raises:
-        FileError: One is missing or of another kind.
-    """
-    for name, kind in kinds.items():
-        if name not in metrics:
-            raise FileError(f'metrics.json: expected {name}, got none: is it of another version?')
-        value = metrics[name]
-        try:
-            # `number` asks for a float where a whole number is one in JSON, too.
-            is_whole = kind is float and isinstance(value, int) and not isinstance(value, bool)
-            number(metrics, name, int if is_whole else kind)
-        except CheckpointError as error:
-            raise FileError(f'metrics.json: {error}') from None
+def _check(metrics: Mapping[str, Any], kind: Any) -> None:
+    try:
+        check_kind(metrics, kind)
+    except KindError as error:
+        raise FileError(f'metrics.json: {error}') from None
 
 
 def _add_experiment(runs: Runs, folder: Path) -> None:
     """Add an experiment's conditions, and name those of its runs that came to nothing."""
-    try:
-        results = read_json_file(folder / _RESULTS_FILE)
-        listed = results['runs']
-    except ParseError as error:
-        raise FileError(f'{_RESULTS_FILE}: {error}') from None
-    except (KeyError, TypeError):
-        raise FileError(f'{_RESULTS_FILE}: expected the results of an experiment') from None
+    results = RunFolder(folder).read_json(_RESULTS_FILE, Results)
+    listed = results['runs']
     runs.left_out.extend(
-        LeftOut(f'{folder}: {run["name"]}', run['message'])
+        LeftOut(f'{folder}: {run["name"]}', run.get('message', ''))
         for run in listed
         if run['state'] in ('failed', 'blocked')
     )

@@ -23,6 +23,7 @@ from spikelane.report.comparisons import (
     representative_laps,
 )
 from spikelane.report.groups import by_key, PAPER_LANE, seeds_in_words
+from spikelane.report.kinds import UNUSABLE
 from spikelane.report.labels import (
     bar_label,
     file_name,
@@ -105,7 +106,7 @@ def draw_figures(runs: Runs, folder: Path, show: Show) -> Figures:
                 unwritten[each.name] = error
         except KeyError as error:
             left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
-        except (ArithmeticError, TypeError, ValueError) as error:
+        except UNUSABLE as error:
             # A file of one run is damaged: it must not cost the report of all others.
             left_out.append(LeftOut(each.caption, f'a run with values of a wrong kind: {error}'))
     return Figures(drawn, left_out + list(missing(runs)), unwritten)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from spikelane.report.commands import command_of
 from spikelane.report.groups import by_key, seeds_in_words
+from spikelane.report.kinds import UNUSABLE
 from spikelane.report.runs import Lap, LeftOut, Runs, TrainingRun, TransferRun
 from spikelane_sim.errors import SpikelaneError
 
@@ -50,7 +51,7 @@ def all_commands(runs: Runs) -> tuple[list[Commands], list[LeftOut]]:
             for run in group:
                 try:
                     lines[command_of(run)] = None
-                except (SpikelaneError, KeyError, TypeError) as error:
+                except UNUSABLE as error:
                     why = str(error) if isinstance(error, SpikelaneError) else repr(error)
                     left_out.append(LeftOut(f'Command of {run.folder}', why))
             seeds = seeds_in_words([run.seed for run in group])

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.report.kinds import LearntFacts
 from spikelane.training import training_defaults
 from spikelane.transfer import GATHERING_DEFAULTS
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, controller_names
-from spikelane_controllers.state import mapping
 from spikelane_controllers.transfer import TransferParameters
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
+from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator import SimulatorParameters
 
@@ -104,7 +105,8 @@ def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | No
         facts = read_checkpoint(find_checkpoint(controller, place), controller).facts
     except CheckpointError:
         return None
-    config = mapping(facts, 'config')
+    check_kind(facts, LearntFacts)
+    config = facts.get('config', {})
     scenario = scenario_name(config) if 'scenario' in config else ''
     variant, steps = _variant(config), facts.get('steps')
     if 'transfer' in config:
