@@ -49,7 +49,7 @@ class Seen(NamedTuple):
 SKIPS = {
     'ROS launch is not installed': 2,  # it is not on PyPI
     'no recordings of cameras at ': 30,  # they are not part of the repository
-    'mounting a small disk needs root': 1,
+    'mounting a small disk needs root': 2,
     'mounting is not permitted here': 1,
     "colcon's setup files do not work in paths with a space": 1,
     'no other Python that is supported': 1,

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import socket
+import struct
+import time
 from typing import Any
 
 from spikelane_controllers.training import Training
+from spikelane_sim.files import append_bytes
 
 LOG_FOLDER = 'tensorboard'
 
-_FLUSH_S = 10
+_LENGTH, _CHECKSUM = struct.Struct('<Q'), struct.Struct('<I')
 
 
 class ScalarLog:
@@ -33,28 +37,47 @@ class ScalarLog:
         self._now_s = now_s
         self._start_s = now_s()
         self._first_step = training.steps
-        self._writer: Any = None
+        self._file: Path | None = None
         training.on_episode = self._add
 
-    def close(self) -> None:
-        """Write what is not written yet."""
-        if self._writer is not None:
-            self._writer.close()
-
     def _add(self) -> None:
+        """Write the scalars of an episode.
+
+        Raises:
+            FileError: They cannot be written.
+        """
         scalars = self._training.scalars()
         if not scalars:
             return
-        if self._writer is None:
-            # Here and not above: whoever does not train need not wait for it.
-            from tensorboardX import SummaryWriter
-
-            purge_step = self._first_step + 1 if self._first_step else None
-            self._writer = SummaryWriter(
-                str(self._folder), purge_step=purge_step, flush_secs=_FLUSH_S
-            )
         elapsed_s = max(self._now_s() - self._start_s, 1e-9)
         steps = self._training.steps
         scalars |= {'time/fps': (steps - self._first_step) / elapsed_s}
-        for name, value in scalars.items():
-            self._writer.add_scalar(name, value, steps)
+        values = [{'tag': name, 'simple_value': value} for name, value in scalars.items()]
+        entry = _record(step=steps, summary={'value': values})
+        if self._file is None:
+            place = f'events.out.tfevents.{int(time.time())}.{socket.gethostname()}'
+            self._file = self._folder / place
+            entry = self._head() + entry
+        append_bytes(self._file, entry)
+
+    def _head(self) -> bytes:
+        """Return what a file begins with; what was logged after the checkpoint is left out."""
+        if not self._first_step:
+            return _record(file_version='brain.Event:2')
+        step = self._first_step + 1
+        begin = {'status': 'START'}
+        return _record(step=step, file_version='brain.Event:2') + _record(
+            step=step, session_log=begin
+        )
+
+
+def _record(**fields: Any) -> bytes:
+    """Return an event as TensorFlow's record files have it: lengths and checksums about it."""
+    # Here and not above: whoever does not train need not wait for it.
+    from tensorboardX.proto.event_pb2 import Event
+    from tensorboardX.record_writer import masked_crc32c
+
+    content: bytes = Event(wall_time=time.time(), **fields).SerializeToString()
+    length = _LENGTH.pack(len(content))
+    checksums = [_CHECKSUM.pack(masked_crc32c(part)) for part in (length, content)]
+    return b''.join((length, checksums[0], content, checksums[1]))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import zstandard
 
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
-from spikelane_sim.files import FileError, write_bytes_atomically
+from spikelane_sim.files import append_bytes, FileError, write_bytes_atomically
 from spikelane_sim.parsing import parse_json, ParseError
 
 FORMAT = 'spikelane-states'
@@ -103,11 +103,7 @@ class StateStore:
             return
         frame = zstandard.ZstdCompressor(write_checksum=True).compress(b''.join(self._pending))
         entry = _skippable(_BLOCK.pack(len(self._pending), len(frame)))
-        try:
-            with self._path.open('ab') as file:
-                file.write(entry + frame)
-        except OSError as error:
-            raise FileError(f'{self._path}: cannot be written: {error.strerror}') from error
+        append_bytes(self._path, entry + frame)
         self._pending = []
 
 

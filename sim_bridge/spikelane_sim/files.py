@@ -71,6 +71,31 @@ def written_whole(path: Path, *, sync: bool = True) -> Iterator[BinaryIO]:
             beside.unlink()
 
 
+def append_bytes(path: Path, content: bytes) -> None:
+    """Add to the end of a file, all of it or nothing.
+
+    Args:
+        path: The file; neither it nor the folders above it need be there.
+        content: What to add. It is not on the disk on return: a machine that stops may lose it.
+
+    Raises:
+        WriteError: It cannot be written; the file is as long as before.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Without a buffer nothing is left that closing the file would try to write once more.
+        with path.open('ab', buffering=0) as file:
+            before = file.tell()
+            try:
+                while content:
+                    content = content[file.write(content) :]
+            except OSError:
+                file.truncate(before)
+                raise
+    except OSError as error:
+        raise WriteError(f'{path}: cannot be written: {error.strerror}') from error
+
+
 def write_text_atomically(path: Path, text: str) -> None:
     """Write a text as UTF-8; see `write_bytes_atomically`."""
     write_bytes_atomically(path, text.encode())

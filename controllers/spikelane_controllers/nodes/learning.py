@@ -57,7 +57,6 @@ class LearningNode(ControllerNode):
             SpikelaneError: A parameter is not allowed, or a checkpoint cannot be read.
         """
         self._training: Training | None = None
-        self._scalars: ScalarLog | None = None
         self._first_stamp_ns: int | None = None
         self._observed = 0
         super().__init__(name)
@@ -72,12 +71,6 @@ class LearningNode(ControllerNode):
                 f'after {training.steps} of {training.parameters.steps} steps; resume goes on '
                 'from the last checkpoint',
             )
-
-    def destroy_node(self) -> None:
-        """Stop answering."""
-        super().destroy_node()
-        if self._scalars is not None:
-            self._scalars.close()
 
     def _make_driver(self, name: str) -> Controller:
         self._weights = self.create_publisher(Weights, 'controller/weights', _WEIGHTS)
@@ -113,7 +106,7 @@ class LearningNode(ControllerNode):
             self._training.resume()
         else:
             self._training.begin(self._settings.seed)
-        self._scalars = ScalarLog(folder / LOG_FOLDER, self._training, time.monotonic)
+        ScalarLog(folder / LOG_FOLDER, self._training, time.monotonic)
         return self._training
 
     def _start(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import importlib
+import os
 import sys
 from typing import NoReturn
 
@@ -33,6 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit, with what `run` returns."""
     with signals_noted(are_ignored_afterwards=True):
         status = _run(sys.argv[1:] if arguments is None else arguments)
+    try:
+        sys.stdout.flush()
+    except OSError:  # said already; the interpreter would try once more, and end with 120
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(status)
 
 
@@ -56,13 +61,25 @@ def _run(arguments: Sequence[str]) -> int:
     try:
         # It names the controllers there are, which another package's may make impossible.
         options = _parser(arguments).parse_args(arguments)
-        return int(options.run(options))
+        status = int(options.run(options))
+        sys.stdout.flush()
+        return status
     except SpikelaneError as error:
-        command = ' '.join(['spikelane', *arguments[:1]])
-        print(f'{command}: {error}', file=sys.stderr)
-        return error.exit_status
+        return _fail(arguments, str(error), error.exit_status)
+    except OSError as error:
+        # Our files say themselves what failed: without a name it is what we print.
+        where = error.filename or 'standard output'
+        return _fail(arguments, f'{where}: {error.strerror or repr(error)}', 1)
     except Interrupted as interrupted:
         return interrupted.exit_status
+
+
+def _fail(arguments: Sequence[str], why: str, status: int) -> int:
+    """Say in one line why a command failed, and return its exit status."""
+    from spikelane_sim.errors import one_line
+
+    print(one_line(f'{" ".join(["spikelane", *arguments[:1]])}: {why}'), file=sys.stderr)
+    return status
 
 
 class _Parser(argparse.ArgumentParser):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-import contextlib
 import csv
 import dataclasses
 import io
@@ -162,8 +161,8 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
         Interrupted: A signal has come; the training can be resumed from its last checkpoint.
     """
     training = make_training(config, folder, resume=resume)
-    scalars = ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
-    with contextlib.closing(scalars), Simulator(config.simulator) as simulator:
+    ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    with Simulator(config.simulator) as simulator:
         lane, episode = training.start
         observation = simulator.reset(lane, config.seed, episode=episode)
         while not training.is_done:

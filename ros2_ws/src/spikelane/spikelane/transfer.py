@@ -247,10 +247,6 @@ def report_transfer(
     paper = PAPER_ACCURACY.get(course)
     rates = _rates(config, done)
     name = f'scenario {config.scenario}, seed {config.seed}'
-    figures = [
-        *draw_accuracy(learnt.curve, folder.figures / 'accuracy', f'Accuracy, {name}', paper),
-        *draw_rates(rates, folder.figures / 'rates', f'Rates, {name}'),
-    ]
     result = {
         'scenario': config.scenario,
         'seed': config.seed,
@@ -272,7 +268,6 @@ def report_transfer(
         'rates': {name: [each._asdict() for each in errors] for name, errors in rates.items()},
         'folder': str(folder.path),
         'checkpoint': str(folder.checkpoint),
-        'figures': [str(figure) for figure in figures],
     }
     facts = {
         'config': config.to_dict(),
@@ -282,7 +277,13 @@ def report_transfer(
         'curve': [list(each) for each in learnt.curve],
     }
     transferred = Transferred(normalised.network, learnt.scale)
+    # Before the figures: whatever becomes of these, what was learnt is kept.
     write_transferred(folder.checkpoint, learnt.network, transferred, facts)
+    figures = [
+        *draw_accuracy(learnt.curve, folder.figures / 'accuracy', f'Accuracy, {name}', paper),
+        *draw_rates(rates, folder.figures / 'rates', f'Rates, {name}'),
+    ]
+    result['figures'] = [str(figure) for figure in figures]
     folder.write_metrics(result)
     return result
 

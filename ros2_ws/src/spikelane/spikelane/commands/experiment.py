@@ -19,8 +19,8 @@ from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, State
 from spikelane.lock import locked
-from spikelane.run_folder import RunFolder, RUNS
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane.run_folder import make_folder, RunFolder, RUNS
+from spikelane_sim.errors import ParameterError
 
 RETRIES = 2
 
@@ -117,10 +117,7 @@ def do_plan(
     # Here and not above: drawing takes longer to import than a list of runs to make.
     from spikelane.experiment.table import shown
 
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SpikelaneError(f'{root}: cannot be made: {error.strerror}') from None
+    make_folder(root, exist_ok=True)
     with locked(root, patience_s=1.0):
         runner = Runner(plan, root, retries)
         try:

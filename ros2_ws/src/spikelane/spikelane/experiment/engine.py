@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import os
 from pathlib import Path
+import shutil
 import signal
 import sys
 from typing import NamedTuple, Protocol
@@ -80,4 +81,10 @@ def ended_run(name: str, status: int, folder: Path) -> Ended:
     except OSError:
         text = ''
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return Ended(name, status, lines[-1] if lines else f'ended with status {status}')
+    return Ended(name, status, lines[-1] if lines else _silent(status, folder))
+
+
+def _silent(status: int, folder: Path) -> str:
+    """Say how a process ended that has left no reason; on a full disk it cannot."""
+    free = shutil.disk_usage(folder).free
+    return f'ended with status {status}, nothing in {folder / LOG}, {free:,} bytes of disk left'

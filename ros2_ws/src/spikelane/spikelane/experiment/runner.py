@@ -25,7 +25,7 @@ from spikelane.experiment.plan import find_runs, make_run_folder, Plan, Run, wri
 from spikelane.experiment.worker import Progress, read_progress
 from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
-from spikelane_sim.files import FileError
+from spikelane_sim.files import append_bytes
 
 LOG_FILE = 'log.jsonl'
 
@@ -252,10 +252,4 @@ class Runner:
         if status is not None:
             folder = None if status.folder is None else status.folder.path.name
             entry |= {'run': status.run.name, 'folder': folder}
-        try:
-            with (self._root / LOG_FILE).open('a', encoding='utf-8') as file:
-                file.write(json.dumps(entry | facts) + '\n')
-        except OSError as error:
-            raise FileError(
-                f'{self._root / LOG_FILE}: cannot be written: {error.strerror}'
-            ) from None
+        append_bytes(self._root / LOG_FILE, (json.dumps(entry | facts) + '\n').encode())
