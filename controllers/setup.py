@@ -8,7 +8,7 @@ setup(
     name='spikelane_controllers',
     version='0.1.0',
     packages=find_packages(),
-    package_data={'spikelane_controllers': ['py.typed', 'weights/*.safetensors']},
+    package_data={'spikelane_controllers': ['py.typed', '*/weights/*.safetensors']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/spikelane_controllers']),
         ('share/spikelane_controllers', ['package.xml']),
@@ -22,10 +22,16 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'braitenberg = spikelane_controllers.nodes.braitenberg:main',
-            'dqn = spikelane_controllers.nodes.dqn:main',
-            'rstdp = spikelane_controllers.nodes.rstdp:main',
-            'dqn_snn = spikelane_controllers.nodes.dqn_snn:main',
+            'braitenberg = spikelane_controllers.nodes.main:main',
+            'dqn = spikelane_controllers.nodes.main:main',
+            'rstdp = spikelane_controllers.nodes.main:main',
+            'dqn_snn = spikelane_controllers.nodes.main:main',
+        ],
+        'spikelane.controllers': [
+            'braitenberg = spikelane_controllers.braitenberg.card:CARD',
+            'rstdp = spikelane_controllers.rstdp.card:CARD',
+            'dqn = spikelane_controllers.dqn.card:CARD',
+            'dqn_snn = spikelane_controllers.dqn_snn.card:CARD',
         ],
     },
 )

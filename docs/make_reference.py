@@ -28,9 +28,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 import yaml
 
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import CONTROLLERS, training_names
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.dqn_snn.transfer import TransferParameters
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.registry import controller_packages, training_names
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 
@@ -117,7 +117,9 @@ def executables(folder: Path) -> dict[str, Executable]:
             ),
         )
     }
-    for name in CONTROLLERS:
+    for name, package in controller_packages().items():
+        if package != 'spikelane_controllers':
+            continue
         learns = name in training_names()
         own = 'learning.LearningNode' if learns else 'controller.ControllerNode'
         module, cls = f'spikelane_controllers.nodes.{own}'.rsplit('.', 1)

@@ -1,11 +1,12 @@
 """What tests of all kinds share: drives, and bags of them as other programs would write them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+import itertools
 from pathlib import Path
 import shutil
 import subprocess
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from spikelane.bag.writer import BagWriter
-from spikelane_controllers.registry import make_controller
+from spikelane_controllers.checkpoint import write_checkpoint
+from spikelane_controllers.learning.results import FinishedRun, TrainingResults
+from spikelane_controllers.learning.training import Termination
+from spikelane_controllers.registry import make_controller, training_results
 from spikelane_sim.codecs import encode
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
 from spikelane_sim.events import EVENT_DTYPE, Events
@@ -336,3 +340,48 @@ def _shown_at(address: str, file: Path) -> dict[str, dict[str, dict[int, Any]]]:
                 entity = found.setdefault(chunk.entity_path, {})
                 entity.setdefault(name, {}).update(values)
     return found
+
+
+class FinishTraining(Protocol):
+    """Writes the checkpoint of a training that has finished, and reads what it has to show."""
+
+    def __call__(
+        self,
+        controller: str,
+        ends: Sequence[Termination],
+        *,
+        steps: int,
+        outcomes: Sequence[tuple[Any, ...]] = (),
+        **config: Any,
+    ) -> TrainingResults:
+        """Finish a training whose episodes ended so."""
+
+
+@pytest.fixture
+def finish_training(tmp_path: Path) -> FinishTraining:
+    """Give what finishes trainings, each in a folder of its own."""
+    numbers = itertools.count()
+
+    def finish(
+        controller: str,
+        ends: Sequence[Termination],
+        *,
+        steps: int,
+        outcomes: Sequence[tuple[Any, ...]] = (),
+        **config: Any,
+    ) -> TrainingResults:
+        folder = tmp_path / f'finished-{next(numbers)}'
+        folder.mkdir()
+        facts = {
+            'config': {'scenario': '1', **config},
+            'steps': steps,
+            'terminations': [list(each) for each in ends],
+            'outcomes': [list(each) for each in outcomes],
+            'controller': {'updates': 0},
+        }
+        file = folder / 'checkpoint.safetensors'
+        write_checkpoint(file, controller, {'a': np.zeros(2)}, facts)
+        run = FinishedRun(controller, folder, facts['config'], {})
+        return training_results(controller)(run)
+
+    return finish

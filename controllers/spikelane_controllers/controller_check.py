@@ -18,10 +18,11 @@ import numpy as np
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.hosting import image_size
-from spikelane_controllers.learning_controller import check_can_learn, LearningController
+from spikelane_controllers.learning.learning_controller import check_can_learn, LearningController
+from spikelane_controllers.learning.training import controller_state, state_checkpoint
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import ControllerClass
-from spikelane_controllers.training import controller_state, state_checkpoint
+from spikelane_controllers.shown import Shown, shown_by
 from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
 from spikelane_sim.errors import one_line, SpikelaneError
 from spikelane_sim.events import make_events, no_events
@@ -164,7 +165,7 @@ def _check_drive(
         _check_wheels(violations, controller.step(given))
         if given.events.tobytes() != each.events.tobytes():
             violations.add('events given to step', 'unchanged events', 'changed events')
-        _check_attributes(violations, controller)
+        _check_shown(violations, controller)
     if _global_random_state() != before:
         expected = 'all randomness from the generator given to reset'
         violations.add('global random state', expected, 'a changed global random state')
@@ -198,29 +199,41 @@ def _is_names(value: object) -> bool:
     return isinstance(value, tuple | list) and all(isinstance(each, str) for each in value)
 
 
-def _check_attributes(violations: Violations, controller: object) -> None:
-    """Check the optional attributes: the nodes publish them, results are made of them."""
-    neurons = getattr(controller, 'neurons', ())
-    kinds: dict[str, tuple[str, Callable[[Any], bool]]] = {
-        'neurons': ('a tuple or list of str', _is_names),
+def _check_shown(violations: Violations, controller: object) -> None:
+    """Check what it shows: the nodes publish that, and results are made of it."""
+    learning = getattr(controller, 'learning', False)
+    if not isinstance(learning, bool):
+        violations.add('attribute learning', 'a bool', f'{learning!r:.80}')
+    shown = getattr(controller, 'shown', Shown())
+    if not isinstance(shown, Shown):
+        violations.add('attribute shown', 'a record of the type Shown', f'{shown!r:.80}')
+        return
+    is_named, action = _is_names(shown.neurons), shown.action
+    operations = shown.operations
+    checks = {
+        'neurons': ('a tuple or list of str', is_named),
         'spikes': (
             'one int from 0 to 2^32 - 1 for each of neurons',
-            lambda value: _is_names(neurons) and _is_counts(value, len(neurons)),
+            is_named and _is_counts(shown.spikes, len(shown.neurons)),
         ),
-        'action': ('an int of 32 bits', lambda v: isinstance(v, int) and -(2**31) <= v < 2**31),
-        'reward': ('a float, NaN for none', lambda value: isinstance(value, float)),
-        'learning': ('a bool', lambda value: isinstance(value, bool)),
-        'operations': ('Operations', lambda value: isinstance(value, Operations)),
-        'weights_pa': (
-            'an array of finite floats',
-            lambda v: (
-                isinstance(v, np.ndarray) and v.dtype.kind == 'f' and bool(np.isfinite(v).all())
-            ),
+        'action': ('an int of 32 bits', isinstance(action, int) and -(2**31) <= action < 2**31),
+        'reward': ('a float, NaN for none', isinstance(shown.reward, float)),
+        'operations': (
+            'Operations, or None',
+            operations is None or isinstance(operations, Operations),
         ),
+        'weights_pa': ('an array of finite floats, or None', _is_weights(shown.weights_pa)),
     }
-    for name, (expected, is_right) in kinds.items():
-        if hasattr(controller, name) and not is_right(value := getattr(controller, name)):
-            violations.add(f'attribute {name}', expected, f'{value!r:.80}')
+    for name, (expected, is_right) in checks.items():
+        if not is_right:
+            violations.add(f'shown.{name}', expected, f'{getattr(shown, name)!r:.80}')
+
+
+def _is_weights(value: object) -> bool:
+    if value is None:
+        return True
+    is_float = isinstance(value, np.ndarray) and value.dtype.kind == 'f'
+    return is_float and bool(np.isfinite(cast(Any, value)).all())
 
 
 def _check_determinism(
@@ -321,7 +334,7 @@ def _check_not_learning(
     """
     controller = make()
     controller.learning = False  # type: ignore[attr-defined]
-    weights = getattr(controller, 'weights_pa', None)
+    weights = shown_by(controller).weights_pa
     if weights is None:
         if not _repeats(controller, seen):
             expected = 'the same answers again after reset with the same seed'
@@ -329,5 +342,5 @@ def _check_not_learning(
         return
     before = np.array(weights)
     _drive(controller, seen)
-    if not np.array_equal(before, cast(Any, controller).weights_pa):
+    if not np.array_equal(before, cast(Any, shown_by(controller).weights_pa)):
         violations.add('learning off', 'weights_pa that stay the same', 'changed weights')

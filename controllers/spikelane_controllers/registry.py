@@ -1,51 +1,40 @@
-"""The controllers by name, each imported when asked for, so that nobody waits for torch.
+"""The controllers by name: each has a card, which a package registers as an entry point.
 
-Other packages add theirs by entry points: `spikelane.controllers` names the class of a controller,
-`spikelane.trainings`, under the same name, the class of its training.
+The group is `spikelane.controllers`. An entry point names a `ControllerCard`, or the class of a
+controller itself, which is then a controller without anything that a card can add. Nothing is
+imported before it is asked for, and what cannot be imported is in nobody else's way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import functools
-import importlib
 from importlib.metadata import entry_points, EntryPoint
 import re
-from typing import Any, cast, ClassVar, NamedTuple, Protocol, TYPE_CHECKING
+from typing import Any, cast, ClassVar, Protocol, TYPE_CHECKING
 
+from spikelane_controllers.card import ControllerCard, TrainingCard, TransferCard
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
 
 if TYPE_CHECKING:
-    from spikelane_controllers.training import Training
+    from spikelane_controllers.learning.results import Results, TrainingResults
+    from spikelane_controllers.learning.training import Training
+    from spikelane_controllers.learning.transfer import Transfer
 
-#: Name of a controller of this package: module and class that implement it.
-CONTROLLERS: Mapping[str, tuple[str, str]] = {
-    'braitenberg': ('spikelane_controllers.braitenberg', 'Braitenberg'),
-    'rstdp': ('spikelane_controllers.rstdp', 'RStdp'),
-    'dqn': ('spikelane_controllers.dqn', 'Dqn'),
-    'dqn_snn': ('spikelane_controllers.dqn_snn', 'DqnSnn'),
-}
-
-#: Name of one that learns by driving: module and class of its training.
-TRAININGS: Mapping[str, tuple[str, str]] = {
-    'rstdp': ('spikelane_controllers.rstdp_training', 'PlasticTraining'),
-    'dqn': ('spikelane_controllers.dqn_training', 'DqnTraining'),
-}
-
-#: Groups of the entry points by which other packages add to these.
+#: Groups of the entry points. The second one names the training of a controller that is
+#: registered without a card.
 CONTROLLER_GROUP = 'spikelane.controllers'
 TRAINING_GROUP = 'spikelane.trainings'
-_OWN = {CONTROLLER_GROUP: CONTROLLERS, TRAINING_GROUP: TRAININGS}
 
-_PACKAGE = 'spikelane_controllers'
 #: What names a node, a group of parameters and a folder alike.
 _NAME = re.compile('[a-z][a-z0-9_]*')
+_OWN = 'spikelane_controllers'
 
 
 class ControllerClass(Protocol):
-    """What the class of a registered controller offers beside being one."""
+    """What the class of a registered controller offers, in addition to being a controller."""
 
     parameters_class: ClassVar[type[Parameters]]
 
@@ -53,15 +42,8 @@ class ControllerClass(Protocol):
         """Make a controller from parameters of parameters_class."""
 
 
-class _Entry(NamedTuple):
-    """Where something registered is."""
-
-    place: str  # module:attribute
-    package: str
-
-
 def controller_names() -> tuple[str, ...]:
-    """Return the names of all controllers: this package's, then those of others.
+    """Return the names of all controllers: the paper's in its order, then others by name.
 
     Raises:
         ParameterError: Another package's cannot have its name.
@@ -75,7 +57,16 @@ def training_names() -> tuple[str, ...]:
     Raises:
         ParameterError: Another package's cannot have its name.
     """
-    return tuple(_entries(TRAINING_GROUP))
+    return tuple(name for name, found in cards().items() if found.training)
+
+
+def transfer_names() -> tuple[str, ...]:
+    """Return the names of all controllers that take over what another one has learnt.
+
+    Raises:
+        ParameterError: Another package's cannot have its name.
+    """
+    return tuple(name for name, found in cards().items() if found.transfer)
 
 
 def controller_packages() -> dict[str, str]:
@@ -84,17 +75,74 @@ def controller_packages() -> dict[str, str]:
     Raises:
         ParameterError: Another package's cannot have its name.
     """
-    return {name: entry.package for name, entry in _entries(CONTROLLER_GROUP).items()}
+    return {name: _package(point) for name, point in _entries(CONTROLLER_GROUP).items()}
+
+
+def cards() -> Mapping[str, ControllerCard]:
+    """Return the cards of all controllers whose card can be imported.
+
+    Raises:
+        ParameterError: Another package's cannot have its name.
+    """
+    found = {}
+    for name in controller_names():
+        try:
+            found[name] = card(name)
+        except ParameterError:  # told to those who ask for this controller
+            continue
+    return found
+
+
+def card(name: str) -> ControllerCard:
+    """Return the card of a controller.
+
+    Raises:
+        ParameterError: No controller has this name, or its card cannot be imported.
+    """
+    known = _entries(CONTROLLER_GROUP)
+    if name not in known:
+        raise ParameterError(f'controller: expected one of {", ".join(known)}, got {name!r}')
+    point = known[name]
+    found = _load(name, point.value)
+    if isinstance(found, ControllerCard):
+        return found
+    training = _entries(TRAINING_GROUP).get(name)
+    return ControllerCard(
+        controller=point.value,
+        training=TrainingCard(training=training.value) if training else None,
+    )
+
+
+def usual_controller() -> str:
+    """Return the controller that commands take where none is asked for."""
+    return next(name for name, each in cards().items() if each.is_usual)
+
+
+def usual_training() -> str:
+    """Return the controller that is trained where none is asked for."""
+    found = cards().items()
+    return next(name for name, each in found if each.training and each.training.is_usual)
+
+
+def title(name: str) -> str:
+    """Return how a controller is called in figures and tables; a name of none is itself."""
+    found = cards().get(name)
+    return found.title or name if found else name
+
+
+def position(name: str) -> tuple[int, str]:
+    """Return what controllers are sorted by: the paper's in its order, then others by name."""
+    found = cards().get(name)
+    return (found.paper.order if found and found.paper else len(cards()), name)
 
 
 def controller_class(name: str) -> ControllerClass:
     """Return the class of a controller.
 
     Raises:
-        ParameterError: No controller has this name, or another package's cannot be imported or
-            is no such class.
+        ParameterError: No controller has this name, or it cannot be imported or is no such class.
     """
-    found = _load(CONTROLLER_GROUP, name)
+    found = _load(name, card(name).controller)
     if not hasattr(found, 'parameters_class'):
         raise ParameterError(
             f'controller {name}: expected a class with parameters_class, got {found!r:.200}'
@@ -102,14 +150,77 @@ def controller_class(name: str) -> ControllerClass:
     return cast(ControllerClass, found)
 
 
+def training_card(name: str) -> TrainingCard:
+    """Return how a controller is trained.
+
+    Raises:
+        ParameterError: No controller that learns by driving has this name.
+    """
+    found = card(name).training
+    if found is None:
+        expected = ', '.join(training_names())
+        raise ParameterError(f'controller: expected one of {expected}, got {name!r}')
+    return found
+
+
 def training_class(name: str) -> type[Training]:
     """Return the class of a controller's training.
 
     Raises:
-        ParameterError: No controller that learns has this name, or another package's training
+        ParameterError: No controller that learns by driving has this name, or its training cannot
+            be imported.
+    """
+    return cast('type[Training]', _load(name, training_card(name).training))
+
+
+def training_results(name: str) -> type[TrainingResults]:
+    """Return the class of what a controller's training has to show.
+
+    Raises:
+        ParameterError: As `training_class`.
+    """
+    return cast('type[TrainingResults]', _load(name, training_card(name).results))
+
+
+def transfer_card(name: str) -> TransferCard:
+    """Return how a controller takes over what another one has learnt.
+
+    Raises:
+        ParameterError: No controller that takes anything over has this name.
+    """
+    found = card(name).transfer
+    if found is None:
+        expected = ', '.join(transfer_names())
+        raise ParameterError(f'controller: expected one of {expected}, got {name!r}')
+    return found
+
+
+def transfer_class(name: str) -> type[Transfer]:
+    """Return the class that transfers what another controller has learnt to this one.
+
+    Raises:
+        ParameterError: No controller that takes anything over has this name, or its transfer
             cannot be imported.
     """
-    return cast('type[Training]', _load(TRAINING_GROUP, name))
+    return cast('type[Transfer]', _load(name, transfer_card(name).transfer))
+
+
+def transfer_results(name: str) -> Callable[..., Results]:
+    """Return the class of what a transfer has to show.
+
+    Raises:
+        ParameterError: As `transfer_class`.
+    """
+    return cast('Callable[..., Results]', _load(name, transfer_card(name).results))
+
+
+def hook(name: str, place: str) -> Callable[..., Any]:
+    """Return a function that a card names, as `figures` or `nir_graph`.
+
+    Raises:
+        ParameterError: It cannot be imported.
+    """
+    return cast('Callable[..., Any]', _load(name, place))
 
 
 def make_controller(name: str, parameters: Mapping[str, Any] | None = None) -> Controller:
@@ -126,34 +237,39 @@ def make_controller(name: str, parameters: Mapping[str, Any] | None = None) -> C
     return cls(cls.parameters_class.from_mapping(parameters or {}))
 
 
-def _load(group: str, name: str) -> object:
-    if name in _OWN[group]:  # found without looking through all packages
-        module, attribute = _OWN[group][name]
-        return getattr(importlib.import_module(module), attribute)
-    known = _entries(group)
-    if name not in known:
-        raise ParameterError(f'controller: expected one of {", ".join(known)}, got {name!r}')
-    entry = known[name]
+def _load(name: str, place: str) -> object:
+    """Import what a controller's entry point or card names.
+
+    Raises:
+        ParameterError: It cannot be imported, for whatever reason.
+    """
     try:
-        return EntryPoint(name, entry.place, group).load()
+        return EntryPoint(name, place, CONTROLLER_GROUP).load()
     # Another package's module can raise anything; one that calls sys.exit must not end us.
     except (Exception, SystemExit) as error:
+        points = (_entries(group).get(name) for group in (TRAINING_GROUP, CONTROLLER_GROUP))
+        named = next((each for each in points if each and each.value == place), None)
+        package = _package(named or _entries(CONTROLLER_GROUP)[name])
         raise ParameterError(
-            f'controller {name}: expected {entry.place}, which package {entry.package} registers '
-            f'in {group}, got {error!r:.200}'
+            f'controller {name}: expected {place}, which package {package} registers, '
+            f'got {error!r:.200}'
         ) from error
 
 
+def _package(point: EntryPoint) -> str:
+    return point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
+
+
 @functools.cache
-def _entries(group: str) -> dict[str, _Entry]:
-    """Return what is registered, this package's first, then that of others by name."""
-    found = {name: _Entry(':'.join(place), _PACKAGE) for name, place in _OWN[group].items()}
-    for point in sorted(entry_points(group=group), key=lambda point: point.name):
-        package = point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
+def _entries(group: str) -> dict[str, EntryPoint]:
+    """Return what is registered, by name: this package's in the order of cards, then others."""
+    found: dict[str, EntryPoint] = {}
+    points = entry_points(group=group)
+    for point in sorted(points, key=lambda each: (_package(each) != _OWN, each.name)):
         if not _NAME.fullmatch(point.name) or point.name in found:
             raise ParameterError(
                 f'{group}: expected a name of a-z, 0-9 and _ that no other package has, '
-                f'got {point.name!r} of package {package}'
+                f'got {point.name!r} of package {_package(point)}'
             )
-        found[point.name] = _Entry(point.value, package)
+        found[point.name] = point
     return found

@@ -16,7 +16,7 @@ import sys
 from dqn_runs import read_learnt
 
 import spikelane_controllers
-from spikelane_controllers.transferred import export_transferred
+from spikelane_controllers.dqn_snn.transferred import export_transferred
 from spikelane_controllers.weights import export_weights
 
 SHIPPED = Path(spikelane_controllers.__file__).parent / 'weights'

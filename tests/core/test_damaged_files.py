@@ -33,8 +33,8 @@ from spikelane.report.tables import all_tables
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import read_csv
 from spikelane.transfer import make_config as make_transfer
+from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
-from spikelane_controllers.states import read_states
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
@@ -127,7 +127,7 @@ def _resume_experiment(root: Path) -> None:
 
 
 def _transfer_states(folder: Path) -> None:
-    make_transfer('1', str(folder), 1, {}, True)
+    make_transfer('dqn_snn', '1', str(folder), 1, {}, True)
 
 
 @pytest.fixture(scope='module')

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 import yaml
 
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import controller_class, CONTROLLERS
-from spikelane_controllers.training import TrainingParameters
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.dqn_snn.transfer import TransferParameters
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.learning.training import TrainingParameters
+from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.parameters import ParameterSpec
 from spikelane_sim.simulator import SimulatorParameters
 
@@ -24,7 +24,7 @@ CLASSES: dict[str, Any] = {
     'transfer': TransferParameters,
     'gathering': GatheringParameters,
     'training': TrainingParameters,
-    **{name: controller_class(name).parameters_class for name in CONTROLLERS},
+    **{name: controller_class(name).parameters_class for name in controller_names()},
 }
 SPECS: dict[str, ParameterSpec] = {
     spec.name: spec for group, cls in CLASSES.items() for spec in cls.specs(f'{group}.')

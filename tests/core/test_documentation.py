@@ -83,10 +83,10 @@ def _with_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     (folder / 'METADATA').write_text('Metadata-Version: 2.1\nName: my_controllers\n')
     (folder / 'entry_points.txt').write_text(
         '[spikelane.controllers]\n'
-        'balance = spikelane_controllers.braitenberg:Braitenberg\n'
-        'learning_balance = spikelane_controllers.rstdp:RStdp\n'
+        'balance = spikelane_controllers.braitenberg.controller:Braitenberg\n'
+        'learning_balance = spikelane_controllers.rstdp.controller:RStdp\n'
         '[spikelane.trainings]\n'
-        'learning_balance = spikelane_controllers.training:Training\n'
+        'learning_balance = spikelane_controllers.learning.training:Training\n'
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     registry._entries.cache_clear()

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane.figures import style
-from spikelane.figures.episodes import draw_episodes
-from spikelane.figures.state_images import draw_state_images
-from spikelane_controllers.dqn_training import Outcome
-from spikelane_controllers.training import Termination
+from spikelane_controllers.dqn.episodes_figure import draw_episodes
+from spikelane_controllers.dqn.state_images_figure import draw_state_images
+from spikelane_controllers.dqn.training import Outcome
+from spikelane_controllers.learning.training import Termination
+from spikelane_sim import figure_style as style
 
 ACTIONS = [12, 30, 1000]
 REASONS = ['lane_lost', 'lane_lost', 'step_limit']

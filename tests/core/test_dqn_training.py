@@ -17,15 +17,18 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 import yaml
 
-from spikelane.dqn_results import dqn_metrics
 from spikelane.main import run
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, make_training, train, TrainConfig
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.dqn_training import DqnTraining, DqnTrainingParameters, Outcome
+from spikelane_controllers.dqn.training import (
+    DqnTraining,
+    DqnTrainingParameters,
+    Outcome,
+)
+from spikelane_controllers.dqn.visited_states import read_states
+from spikelane_controllers.learning.training import Termination
 from spikelane_controllers.registry import make_controller
-from spikelane_controllers.states import read_states
-from spikelane_controllers.training import Termination, TrainingParameters
 from spikelane_controllers.weights import export_weights
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 
@@ -119,7 +122,7 @@ import dataclasses, os, sys
 from pathlib import Path
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, train
-from spikelane_controllers.dqn_training import DqnTrainingParameters
+from spikelane_controllers.dqn.training import DqnTrainingParameters
 path, steps, save_every, resume, parameters, where, count = sys.argv[1:]
 config = make_config('1', 'dqn', 3, 'inprocess', eval(parameters), int(steps))
 training = DqnTrainingParameters(steps=int(steps), save_every=int(save_every))
@@ -232,31 +235,26 @@ def test_a_network_that_diverges_is_reported(tmp_path: Path) -> None:
     assert read_checkpoint(tmp_path, 'dqn').facts['steps'] == 10
 
 
-def training_with(tmp_path: Path, episodes: list[tuple[int, str]]) -> DqnTraining:
-    """Return a training of episodes of these actions, which ended so."""
-    config = config_of()
-    controller: Any = make_controller('dqn', config.controller_parameters.to_dict())
-    file = tmp_path / 'unused.safetensors'
-    training = DqnTraining('dqn', controller, TrainingParameters(), {}, file)
-    for number, (actions, reason) in enumerate(episodes):
-        training.steps += actions
-        lane = ('outer', 'inner')[number % 2]
-        training.terminations.append(
-            Termination(training.steps, number + 1, lane, 'A', 0.0, 0.0, 10 * actions, reason)
-        )
-        training.outcomes.append(Outcome(actions, 2.0 * actions, 0.1, None, 0))
-    return training
-
-
-def test_solved_is_three_full_episodes_in_a_row(tmp_path: Path) -> None:
+def test_solved_is_three_full_episodes_in_a_row(finish_training: Any) -> None:
     """From where the first of them began."""
+
+    def metrics_of(*episodes: tuple[int, str]) -> dict[str, Any]:
+        """Measure a training of episodes of these actions, which ended so."""
+        ends, outcomes, steps = [], [], 0
+        for number, (actions, reason) in enumerate(episodes):
+            steps += actions
+            lane = ('outer', 'inner')[number % 2]
+            ends.append(Termination(steps, number + 1, lane, 'A', 0.0, 0.0, 10 * actions, reason))
+            outcomes.append(Outcome(actions, 2.0 * actions, 0.1, None, 0))
+        return finish_training('dqn', ends, steps=steps, outcomes=outcomes).metrics()
+
     full, lost = (1000, 'step_limit'), (500, 'lane_lost')
-    metrics = dqn_metrics(training_with(tmp_path, [full, full, lost, full, full, full, lost]))
+    metrics = metrics_of(full, full, lost, full, full, full, lost)
     assert (metrics['solved_at'], metrics['solved_by']) == (2500, 5500)
     assert (metrics['full_episodes'], metrics['reward_per_action']) == (5, 2.0)
-    metrics = dqn_metrics(training_with(tmp_path, [full, full, lost, full, full]))
+    metrics = metrics_of(full, full, lost, full, full)
     assert (metrics['solved_at'], metrics['solved_by']) == (None, None)
-    assert dqn_metrics(training_with(tmp_path, []))['reward_per_action'] is None
+    assert metrics_of()['reward_per_action'] is None
 
 
 def test_tensorboard_reads_the_log(whole: Path) -> None:
@@ -343,4 +341,7 @@ def test_a_device_that_is_not_there_is_refused(
     assert 'q_learning.device: expected cpu, as there is no CUDA' in capsys.readouterr().err
     assert not (tmp_path / 'run').exists()  # the same command without it can go there
     assert run(['train', 'rstdp', '--device', 'cuda', '--out', str(tmp_path / 'other')]) == 2
-    assert '--device: expected the controller dqn, got rstdp' in capsys.readouterr().err
+    assert (
+        '--device: expected a controller that can choose one (dqn), got rstdp'
+        in capsys.readouterr().err
+    )

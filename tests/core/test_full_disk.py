@@ -17,8 +17,8 @@ from safetensors.numpy import load_file
 
 from spikelane.main import run
 from spikelane.trajectory import read_csv
-from spikelane_controllers.scalars import ScalarLog
-from spikelane_controllers.states import read_states
+from spikelane_controllers.dqn.visited_states import read_states
+from spikelane_controllers.learning.scalar_log import ScalarLog
 from spikelane_sim.files import append_bytes, WriteError
 from spikelane_sim.parsing import parse_json, read_json_file, read_yaml_file
 

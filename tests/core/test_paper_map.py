@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from spikelane.training import TRAINING_DEFAULTS
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import controller_class, CONTROLLERS, training_class
-from spikelane_controllers.transfer import TransferParameters
+from spikelane.training import training_defaults
+from spikelane_controllers.dqn_snn.transfer import TransferParameters
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.registry import controller_class, controller_names, training_class
 from spikelane_sim.parameters import ParameterSpec
 from spikelane_sim.simulator import SimulatorParameters
 
@@ -70,7 +70,7 @@ def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
         'transfer': TransferParameters,
         'gathering': GatheringParameters,
         'training': training_class(trained).parameters_class,
-        **{name: controller_class(name).parameters_class for name in CONTROLLERS},
+        **{name: controller_class(name).parameters_class for name in controller_names()},
     }
     return {
         spec.name: spec for group, cls in classes.items() for spec in cls.specs(prefix=f'{group}.')
@@ -88,7 +88,7 @@ def test_a_parameter_has_the_default_and_the_unit_in_the_map(row: Row) -> None:
     spec = specs(row.controller)[row.name]
     assert row.unit == spec.unit
     if row.default != _ELSEWHERE:
-        default = TRAINING_DEFAULTS[row.controller].get(row.name, spec.default)
+        default = training_defaults(row.controller).get(row.name, spec.default)
         assert row.default == str(default)
 
 

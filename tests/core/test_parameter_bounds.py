@@ -12,11 +12,11 @@ import pytest
 import spikelane
 from spikelane.transfer import configure_transfer
 import spikelane_controllers
-from spikelane_controllers.braitenberg import BraitenbergParameters
-from spikelane_controllers.dqn_parameters import DqnParameters
-from spikelane_controllers.dqn_snn import DqnSnnParameters
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.rstdp import RStdpParameters
+from spikelane_controllers.braitenberg.controller import BraitenbergParameters
+from spikelane_controllers.dqn.parameters import DqnParameters
+from spikelane_controllers.dqn_snn.controller import DqnSnnParameters
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.rstdp.controller import RStdpParameters
 import spikelane_sim
 from spikelane_sim.encoding import StateImageParameters
 from spikelane_sim.errors import ParameterError
@@ -145,7 +145,7 @@ def test_a_transfer_checks_inputs_times_hidden_units() -> None:
     """They are parameters of different groups."""
     large = {'gathering.encoding.cell': 1, 'transfer.hidden': 16_384, 'gathering.states': 100}
     with pytest.raises(ParameterError, match='at most 40,000,000 weights, got 8192 x 16384'):
-        configure_transfer('1', 'scenario_1', 0, large, False)
+        configure_transfer('dqn_snn', '1', 'scenario_1', 0, large, False)
 
 
 def test_defaults_with_the_largest_camera_are_allowed() -> None:

@@ -17,8 +17,8 @@ from spikelane.bag.drive import RecordedDrive
 from spikelane.comparison import compare, drive_metrics
 from spikelane.main import run
 from spikelane.replay import make_config, replay, summarise
+from spikelane_controllers.learning.training import Training, TrainingParameters
 from spikelane_controllers.registry import make_controller
-from spikelane_controllers.training import Training, TrainingParameters
 from spikelane_sim.errors import BagError, ParameterError
 from spikelane_sim.events import make_events
 

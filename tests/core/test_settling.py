@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from spikelane.settling import has_settled, last_lane_loss_step
-from spikelane_controllers.training import Termination
+from spikelane_controllers.learning.settling import has_settled, last_lane_loss_step
+from spikelane_controllers.learning.training import Termination
 
 
 def ends(*given: tuple[int, str, str]) -> list[Termination]:

@@ -17,10 +17,11 @@ import yaml
 
 from spikelane.main import run
 from spikelane.run_folder import RunFolder
-from spikelane.training import make_config, make_training, train, TrainConfig, training_metrics
+from spikelane.training import make_config, make_training, train, TrainConfig
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.training import Termination, Training
-from spikelane_controllers.weights import WEIGHTS
+from spikelane_controllers.learning.results import TrainingResults
+from spikelane_controllers.learning.training import Termination, Training
+from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
@@ -262,10 +263,9 @@ def test_a_training_is_not_begun_over_another(whole: Path) -> None:
     assert checkpoint_bytes(whole) == before
 
 
-def test_the_metrics_tell_when_it_had_learnt(whole: Path) -> None:
+def test_the_metrics_tell_when_it_had_learnt(finish_training: Any) -> None:
     """Laps count from the last lane loss on."""
-    training = make_training(config_of(), RunFolder(whole), resume=True)
-    training.terminations = [
+    ends = [
         Termination(step, n, lane, 'A', 0.0, 0.0, 10, reason)
         for n, (step, lane, reason) in enumerate(
             [
@@ -278,8 +278,9 @@ def test_the_metrics_tell_when_it_had_learnt(whole: Path) -> None:
             1,
         )
     ]
-    assert training_metrics(training) == {
-        'steps': STEPS,
+    results = finish_training('rstdp', ends, steps=90)
+    assert TrainingResults.metrics(results) == {
+        'steps': 90,
         'episodes': 5,
         'lane_losses': 1,
         'last_lane_loss_step': 20,

@@ -17,11 +17,11 @@ import yaml
 
 from spikelane.main import run
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.normalisation import normalise
-from spikelane_controllers.q_network import initial_network, QNetworkParameters
-from spikelane_controllers.states import StateStore
-from spikelane_controllers.transferred import read_transferred
-from spikelane_controllers.weights import Q_NETWORK
+from spikelane_controllers.dqn.learnt_network import Q_NETWORK
+from spikelane_controllers.dqn.q_network import initial_network, QNetworkParameters
+from spikelane_controllers.dqn.visited_states import StateStore
+from spikelane_controllers.dqn_snn.normalisation import normalise
+from spikelane_controllers.dqn_snn.transferred import read_transferred
 
 QUICK = ('--states', '60', '--steps', '40', '--robot', 'kinematic', '--seed', '3')
 
@@ -167,7 +167,12 @@ def test_what_cannot_be_done_is_refused(
     (bare / 'checkpoint.safetensors').write_bytes((dqn / 'checkpoint.safetensors').read_bytes())
     out = tmp_path / 'out'
     cases = {
-        ('transfer', '--checkpoint', str(bare), '--from-training'): 'expected states.zst beside',
+        (
+            'transfer',
+            '--checkpoint',
+            str(bare),
+            '--from-training',
+        ): 'expected the states of the training b',
         ('transfer', '--checkpoint', str(tmp_path / 'none')): 'checkpoint: expected one of ',
         ('transfer', '--checkpoint', str(dqn), '--states', '0'): 'gathering: states: expected a w',
         (

@@ -61,7 +61,7 @@ setup(
             f'{each} = broken_controllers.controllers:{cls}' for each, cls in names.items()
         ],
         'spikelane.trainings': [
-            f'{each} = spikelane_controllers.training:Training' for each in names
+            f'{each} = spikelane_controllers.learning.training:Training' for each in names
         ],
     },
 )
@@ -166,7 +166,7 @@ def run(workspace: Path) -> Run:
 
 
 def test_the_page_shows_the_files_that_are_tested() -> None:
-    """Each as it is, and no Python file but the second node is left out."""
+    """Each as it is, and no Python file is left out."""
     page = (DOCS / 'add_a_controller.md').read_text('utf-8')
     shown = dict(
         re.findall(r'^\[`[^`]+`\]\((examples/\S+)\)\n\n```python\n(.*?)```', page, re.M | re.S)
@@ -174,7 +174,24 @@ def test_the_page_shows_the_files_that_are_tested() -> None:
     for path, text in shown.items():
         assert (DOCS / path).read_text('utf-8') == text
     names = {Path(path).name for path in shown}
-    assert names == {'balance.py', 'balance_node.py', 'learning_balance.py', 'setup.py'}
+    assert names == {'balance.py', 'cards.py', 'learning_balance.py', 'setup.py'}
+
+
+def test_a_controller_takes_one_module_and_one_card() -> None:
+    """What else there is makes any ROS package: setup files, package.xml and a marker."""
+    files = {
+        str(path.relative_to(EXAMPLE))
+        for path in EXAMPLE.rglob('*')
+        if path.is_file() and '__pycache__' not in path.parts
+    }
+    package = {'my_controllers/__init__.py', 'package.xml', 'resource/my_controllers'}
+    assert files - package == {
+        'setup.py',
+        'setup.cfg',
+        'my_controllers/cards.py',
+        'my_controllers/balance.py',
+        'my_controllers/learning_balance.py',
+    }
 
 
 def test_it_drives_a_lap(run: Run) -> None:
@@ -274,6 +291,21 @@ def test_a_learner_without_parameters_is_refused_alike(
     assert 'Traceback' not in ended.stderr
     assert sorted(workspace.rglob('runs/*')) == before
     assert not (workspace / 'forgotten').exists()
+
+
+def test_what_learns_is_evaluated_and_reported(run: Run, workspace: Path) -> None:
+    """Under the name on its card, with the figure and the tables that every training has."""
+    limit = ('--param', 'simulator.episode.max_steps=150')
+    learnt = run('train', 'learning_balance', *limit, '--steps', '400', '--out', 'all/trained')
+    taken = ('--controller', 'learning_balance', '--checkpoint', learnt['folder'])
+    given = ('--transport', 'inprocess', '--seeds', '2', '--out', 'all/evaluated')
+    run('evaluate', *taken, *limit, *given)
+    ended = run_python(workspace, '-m', 'spikelane.main', 'report', 'all', '--out', 'reported')
+    assert ended.returncode == 0, ended.stderr
+    page = (workspace / 'reported/report.html').read_text('utf-8')
+    assert 'Learning balance training' in page
+    assert 'Terminations, Learning balance, scenario 1' in page
+    assert len(list((workspace / 'reported/figures').glob('learning_balance_*.svg'))) == 1
 
 
 def test_what_learns_is_trained_by_a_launch_file(workspace: Path) -> None:

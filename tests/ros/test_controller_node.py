@@ -12,7 +12,10 @@ from rcl_interfaces.srv import DescribeParameters
 from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 import yaml
 
-from spikelane_controllers.braitenberg import Braitenberg, BraitenbergParameters
+from spikelane_controllers.braitenberg.controller import (
+    Braitenberg,
+    BraitenbergParameters,
+)
 from spikelane_controllers.nodes.controller import ControllerNodeParameters
 from spikelane_sim import messages
 from spikelane_sim.contract import controller_rng, Observation

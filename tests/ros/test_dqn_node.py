@@ -13,9 +13,9 @@ from spikelane.loop import drive_episode
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, train
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.dqn_training import DqnTrainingParameters
+from spikelane_controllers.dqn.training import DqnTrainingParameters
+from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
-from spikelane_controllers.states import read_states
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 

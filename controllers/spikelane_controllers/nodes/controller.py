@@ -9,7 +9,6 @@ starts first, nothing waits for what was sent too early.
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
 import signal
 import threading
 from typing import NamedTuple
@@ -25,6 +24,7 @@ from spikelane_controllers.hosting import Host, image_size
 from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Counts
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
+from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, Observation
@@ -115,7 +115,7 @@ class ControllerNode(Node):
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
         self._state = ControllerState(
-            controller=name, neurons=list(getattr(self._driver, 'neurons', ()))
+            controller=name, neurons=list(shown_by(self._driver).neurons)
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
         kept = QoSProfile(depth=self._settings.history_depth)
@@ -359,9 +359,9 @@ class ControllerNode(Node):
     def _publish_state(self, lane: LaneState | None) -> None:
         state = self._state
         state.header.stamp = self._answer.header.stamp
-        state.action = getattr(self._driver, 'action', -1)
-        state.reward = getattr(self._driver, 'reward', math.nan)
-        state.spikes = list(getattr(self._driver, 'spikes', ()))
+        shown = shown_by(self._driver)
+        state.action, state.reward = shown.action, shown.reward
+        state.spikes = list(shown.spikes)
         state.learning = getattr(self._driver, 'learning', False)
         if lane is not None:
             state.episode, state.step = lane.episode, lane.step

@@ -14,15 +14,16 @@ from rclpy.task import Future
 from spikelane_msgs.msg import LaneState, Weights
 from spikelane_msgs.srv import Reset
 
-from spikelane_controllers.learning_controller import (
+from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
     LearningController,
 )
+from spikelane_controllers.learning.scalar_log import LOG_FOLDER, ScalarLog
+from spikelane_controllers.learning.training import Training
 from spikelane_controllers.nodes.controller import ControllerNode
 from spikelane_controllers.registry import controller_class, training_class
-from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
-from spikelane_controllers.training import Training
+from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
@@ -167,7 +168,7 @@ class LearningNode(ControllerNode):
             self._client.call_async(Reset.Request(lane='', seed=-1))
 
     def _publish_weights(self, driver: Any, stamp_ns: int) -> None:
-        weights_pa = getattr(driver, 'weights_pa', None)
+        weights_pa = shown_by(driver).weights_pa
         if weights_pa is None:  # too many to be looked at
             return
         message = Weights(name='weights', shape=list(weights_pa.shape), unit='pA')

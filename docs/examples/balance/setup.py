@@ -12,13 +12,12 @@ setup(
     ],
     entry_points={
         'console_scripts': [
-            'balance = my_controllers.balance_node:main',
-            'learning_balance = my_controllers.learning_balance_node:main',
+            'balance = spikelane_controllers.nodes.main:main',
+            'learning_balance = spikelane_controllers.nodes.main:main',
         ],
         'spikelane.controllers': [
-            'balance = my_controllers.balance:Balance',
-            'learning_balance = my_controllers.learning_balance:LearningBalance',
+            'balance = my_controllers.cards:BALANCE',
+            'learning_balance = my_controllers.cards:LEARNING_BALANCE',
         ],
-        'spikelane.trainings': ['learning_balance = spikelane_controllers.training:Training'],
     },
 )

@@ -10,7 +10,7 @@ import yaml
 
 from spikelane.lap import drive_lap, make_config
 from spikelane.metrics import lap_metrics
-from spikelane_controllers.braitenberg import (
+from spikelane_controllers.braitenberg.controller import (
     Braitenberg,
     braitenberg_weights,
     BraitenbergParameters,

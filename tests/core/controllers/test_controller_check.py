@@ -19,7 +19,11 @@ from spikelane.check import check
 from spikelane.main import run
 from spikelane_controllers import registry
 from spikelane_controllers.controller_check import check_controller
-from spikelane_controllers.learning_controller import check_can_learn, check_learning_parameters
+from spikelane_controllers.learning.learning_controller import (
+    check_can_learn,
+    check_learning_parameters,
+)
+from spikelane_controllers.shown import Shown
 from spikelane_controllers.state import number, State
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
@@ -150,26 +154,22 @@ class NanWithoutLane(Plain):
         return WheelVelocities(1.0, math.nan if lane is None else lane.distance_m)
 
 
-class OddAttributes(Plain):
-    """Has attributes that no message takes, and several of them."""
+class OddShown(Plain):
+    """Shows what no message takes, several times."""
 
-    neurons = ('left', 'right')
-    spikes = (1,)
-    action = 0.5
-    reward = 1
-    operations = 7
+    shown: Any = Shown(('left', 'right'), (1,), 0.5, 1, 7)  # type: ignore[arg-type]
 
 
 class NamesOfNumbers(Plain):
     """Names neurons by numbers."""
 
-    neurons = (1, 2)
+    shown = Shown(neurons=(1, 2))  # type: ignore[arg-type]
 
 
 class BadWeights(Plain):
     """Has weights that are not finite."""
 
-    weights_pa = np.array([math.inf])
+    shown = Shown(weights_pa=np.array([math.inf]))
 
 
 class NoParameters(Plain):
@@ -241,9 +241,9 @@ BROKEN = {
     NeedsFewEvents: 'observation with 10000 events at one pixel: expected no exception, got Value',
     NeedsEventsOrLane: 'observation with neither events nor a lane: expected no exception, got V',
     NanWithoutLane: 'answer of step to an observation without a lane: expected finite floats, got',
-    OddAttributes: 'attribute spikes: expected one int from 0 to 2^32 - 1 for each of neurons',
-    NamesOfNumbers: 'attribute neurons: expected a tuple or list of str, got (1, 2)',
-    BadWeights: 'attribute weights_pa: expected an array of finite floats, got array([inf])',
+    OddShown: 'shown.spikes: expected one int from 0 to 2^32 - 1 for each of neurons',
+    NamesOfNumbers: 'shown.neurons: expected a tuple or list of str, got (1, 2)',
+    BadWeights: 'shown.weights_pa: expected an array of finite floats, or None, got array([inf])',
     NoParameters: "parameters_class: expected a class derived from Parameters, got <class 'dict'>",
     OddParameters: 'parameters_class: expected a dataclass, got _NotADataclass',
     CannotBeMade: 'construction from parameters_class: expected no exception, got TypeError: ',
@@ -321,10 +321,11 @@ class AlwaysChangesWeights(Learner):
 
     def __init__(self, parameters: Any) -> None:
         super().__init__(parameters)
-        self.weights_pa = np.zeros(2)
+        self.shown = Shown(weights_pa=np.zeros(2))
 
     def step(self, observation: Observation) -> WheelVelocities:
-        self.weights_pa += 1.0
+        assert self.shown.weights_pa is not None
+        self.shown = Shown(weights_pa=self.shown.weights_pa + 1.0)
         return super().step(observation)
 
 
@@ -410,10 +411,10 @@ def test_a_violation_is_named(cls: Any) -> None:
 
 def test_all_violations_are_reported() -> None:
     """Each attribute of the wrong type has its sentence."""
-    found = check_controller('mine', OddAttributes)
+    found = check_controller('mine', OddShown)
     rules = [each.split(': ')[1] for each in found]
     kinds = ('spikes', 'action', 'reward', 'operations')
-    assert rules == [f'attribute {kind}' for kind in kinds]
+    assert rules == [f'shown.{kind}' for kind in kinds]
 
 
 @pytest.mark.parametrize(
@@ -436,7 +437,7 @@ def install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Install
         (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: my_controllers\n')
         lines = ['[spikelane.controllers]', *(f'{name} = {cls}' for name, cls in classes.items())]
         lines += ['[spikelane.trainings]']
-        lines += [f'{name} = spikelane_controllers.training:Training' for name in trained]
+        lines += [f'{name} = spikelane_controllers.learning.training:Training' for name in trained]
         (info / 'entry_points.txt').write_text('\n'.join(lines))
         monkeypatch.syspath_prepend(str(tmp_path))
         registry._entries.cache_clear()

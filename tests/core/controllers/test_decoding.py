@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from spikelane_controllers.decoding import (
+from spikelane_controllers.spiking.steering import (
     initial_steering,
     steer,
     SteeringParameters,

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from spikelane_controllers.checkpoint import write_checkpoint
-from spikelane_controllers.dqn import Dqn
-from spikelane_controllers.dqn_parameters import DqnParameters
-from spikelane_controllers.pytorch import MissingPyTorchError
-from spikelane_controllers.q_network import greedy_action
+from spikelane_controllers.dqn.controller import Dqn
+from spikelane_controllers.dqn.parameters import DqnParameters
+from spikelane_controllers.dqn.pytorch import MissingPyTorchError
+from spikelane_controllers.dqn.q_network import greedy_action
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import CheckpointError

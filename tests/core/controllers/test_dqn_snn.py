@@ -10,15 +10,15 @@ from safetensors.numpy import load_file, save_file
 import yaml
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.dqn_snn import (
+from spikelane_controllers.dqn_snn.controller import (
     DqnSnn,
     DqnSnnParameters,
     input_values,
     value_per_event,
 )
-from spikelane_controllers.feedforward import FeedForward
-from spikelane_controllers.normalisation import normalise
-from spikelane_controllers.transferred import (
+from spikelane_controllers.dqn_snn.feedforward import FeedForward
+from spikelane_controllers.dqn_snn.normalisation import normalise
+from spikelane_controllers.dqn_snn.transferred import (
     export_transferred,
     InputScale,
     read_transferred,
@@ -161,10 +161,10 @@ def test_what_is_shipped_is_the_spiking_network_alone(random_network: str, tmp_p
 def test_networks_are_shipped() -> None:
     """Each is small, and the file says by which command it was made."""
     assert 'scenario_1' in shipped_weights('dqn_snn')
-    assert not any('snn' in name for name in shipped_weights('dqn'))
-    folder = Path(__file__).parents[3] / 'controllers/spikelane_controllers/weights'
+    assert shipped_weights('dqn') == ('scenario_1', 'scenario_2', 'scenario_3')
+    folder = Path(__file__).parents[3] / 'controllers/spikelane_controllers/dqn_snn/weights'
     for name in shipped_weights('dqn_snn'):
-        file = folder / f'dqn_snn_{name}.safetensors'
+        file = folder / f'{name}.safetensors'
         assert file.stat().st_size < 500_000
         assert read_transferred(name, INPUTS, 3).scale.frames == 10
         command = read_checkpoint(file, 'dqn_snn').facts['command']

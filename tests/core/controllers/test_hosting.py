@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from spikelane_controllers.braitenberg import BraitenbergParameters
+from spikelane_controllers.braitenberg.controller import BraitenbergParameters
 from spikelane_controllers.hosting import Host, image_size
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
 from spikelane_sim.encoding import StateImageParameters

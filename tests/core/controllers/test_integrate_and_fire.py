@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from spikelane_controllers.feedforward import activate, FeedForward
-from spikelane_controllers.integrate_and_fire import (
+from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
+from spikelane_controllers.dqn_snn.integrate_and_fire import (
     Fired,
     input_spikes,
     IntegrateAndFire,
@@ -16,8 +16,8 @@ from spikelane_controllers.integrate_and_fire import (
     Potentials,
     resting_potentials,
 )
-from spikelane_controllers.normalisation import normalise
-from spikelane_controllers.spiking import no_spikes, SPIKE_DTYPE, Spikes
+from spikelane_controllers.dqn_snn.normalisation import normalise
+from spikelane_controllers.spiking.network import no_spikes, SPIKE_DTYPE, Spikes
 from spikelane_sim.errors import ParameterError
 
 

@@ -13,17 +13,25 @@ import numpy as np
 import pytest
 
 from spikelane.lap import drive_lap, make_config
-from spikelane_controllers.dqn_snn import DqnSnn, DqnSnnParameters, input_values
-from spikelane_controllers.feedforward import FeedForward
-from spikelane_controllers.integrate_and_fire import (
+from spikelane_controllers.dqn_snn.controller import (
+    DqnSnn,
+    DqnSnnParameters,
+    input_values,
+)
+from spikelane_controllers.dqn_snn.feedforward import FeedForward
+from spikelane_controllers.dqn_snn.integrate_and_fire import (
     input_spikes,
     IntegrateAndFire,
     resting_potentials,
 )
-from spikelane_controllers.nir_export import export_nir, NirExportError
-from spikelane_controllers.normalisation import normalise
-from spikelane_controllers.spiking import SPIKE_DTYPE
-from spikelane_controllers.transferred import InputScale, Transferred, write_transferred
+from spikelane_controllers.dqn_snn.nir_export import export_nir, NirExportError
+from spikelane_controllers.dqn_snn.normalisation import normalise
+from spikelane_controllers.dqn_snn.transferred import (
+    InputScale,
+    Transferred,
+    write_transferred,
+)
+from spikelane_controllers.spiking.network import SPIKE_DTYPE
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import StateImage
 from spikelane_sim.simulator import Simulator, SimulatorParameters

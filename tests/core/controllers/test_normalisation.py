@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikelane_controllers.feedforward import activate, FeedForward
-from spikelane_controllers.normalisation import (
+from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
+from spikelane_controllers.dqn_snn.normalisation import (
     GRID,
     largest_input,
     NormalisationError,

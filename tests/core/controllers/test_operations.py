@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from spikelane.lap import drive_lap, make_config
-from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
-from spikelane_controllers.q_network import (
+from spikelane_controllers.dqn.q_network import (
     decision_operations,
     initial_network,
     QNetworkParameters,
 )
+from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import Observation
 from spikelane_sim.events import make_events, no_events

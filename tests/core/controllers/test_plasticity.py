@@ -11,15 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.plasticity import (
-    PlasticState,
-    resting_plastic_state,
-    run_plastic_network,
-    synapse_rule,
-    SynapseParameters,
-    SynapseRule,
-)
-from spikelane_controllers.spiking import (
+from spikelane_controllers.spiking.network import (
     DelayParameters,
     GRID_STEPS,
     NetworkState,
@@ -29,6 +21,14 @@ from spikelane_controllers.spiking import (
     run_network,
     SPIKE_DTYPE,
     Spikes,
+)
+from spikelane_controllers.spiking.plasticity import (
+    PlasticState,
+    resting_plastic_state,
+    run_plastic_network,
+    synapse_rule,
+    SynapseParameters,
+    SynapseRule,
 )
 from spikelane_sim.errors import ParameterError
 

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.plasticity import (
-    resting_plastic_state,
-    run_plastic_network,
-    synapse_rule,
-    SynapseParameters,
-)
-from spikelane_controllers.spiking import (
+from spikelane_controllers.spiking.network import (
     DelayParameters,
     neuron_constants,
     NeuronParameters,
     SPIKE_DTYPE,
+)
+from spikelane_controllers.spiking.plasticity import (
+    resting_plastic_state,
+    run_plastic_network,
+    synapse_rule,
+    SynapseParameters,
 )
 
 NETWORKS = 24

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikelane_controllers.poisson import firing_rates, poisson_spikes, PoissonParameters
+from spikelane_controllers.spiking.poisson import (
+    firing_rates,
+    poisson_spikes,
+    PoissonParameters,
+)
 
 
 def test_rates_are_proportional_to_events_and_clipped() -> None:

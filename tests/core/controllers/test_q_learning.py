@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from spikelane_controllers.dqn_parameters import QLearningParameters
-from spikelane_controllers.q_learning import QLearning
-from spikelane_controllers.q_network import initial_network, QNetwork, QNetworkParameters
-from spikelane_controllers.replay import Replay
+from spikelane_controllers.dqn.experience_buffer import Replay
+from spikelane_controllers.dqn.parameters import QLearningParameters
+from spikelane_controllers.dqn.q_learning import QLearning
+from spikelane_controllers.dqn.q_network import (
+    initial_network,
+    QNetwork,
+    QNetworkParameters,
+)
 from spikelane_sim.errors import CheckpointError
 
 INPUTS, ACTIONS = 20, 3

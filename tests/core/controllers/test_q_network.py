@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from spikelane_controllers.q_network import (
+from spikelane_controllers.dqn.q_network import (
     action_values,
     greedy_action,
     initial_network,

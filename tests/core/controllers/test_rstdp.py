@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane_controllers.plasticity import SynapseParameters
-from spikelane_controllers.rstdp import RStdp, RStdpParameters
+from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
+from spikelane_controllers.spiking.plasticity import SynapseParameters
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.events import make_events, no_events

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from spikelane_controllers.spiking import (
+from spikelane_controllers.spiking.network import (
     DelayParameters,
     GRID_STEPS,
     NetworkState,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.spiking import (
+from spikelane_controllers.spiking.network import (
     DelayParameters,
     neuron_constants,
     NeuronParameters,

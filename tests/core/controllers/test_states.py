@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import zstandard
 
-from spikelane_controllers.states import read_states, StateStore
+from spikelane_controllers.dqn.visited_states import read_states, StateStore
 from spikelane_sim.errors import CheckpointError
 
 SHAPE = (16, 32)

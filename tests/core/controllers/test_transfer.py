@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spikelane_controllers.convergence import rate_errors
-from spikelane_controllers.feedforward import activate, FeedForward
-from spikelane_controllers.gathering import gather_states, GatheringParameters
-from spikelane_controllers.integrate_and_fire import IntegrateAndFireParameters
-from spikelane_controllers.normalisation import normalise
-from spikelane_controllers.transfer import (
+from spikelane_controllers.dqn_snn.convergence import rate_errors
+from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
+from spikelane_controllers.dqn_snn.integrate_and_fire import IntegrateAndFireParameters
+from spikelane_controllers.dqn_snn.normalisation import normalise
+from spikelane_controllers.dqn_snn.transfer import (
     accuracy,
     class_shares,
     Labelled,
@@ -18,6 +17,7 @@ from spikelane_controllers.transfer import (
     TransferError,
     TransferParameters,
 )
+from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 KINEMATIC = {'robot.model': 'kinematic', 'episode.max_laps': 0, 'episode.max_steps': 200}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+import re
 import signal
 import socket
 import sys
@@ -45,8 +46,13 @@ def test_an_end_is_told_with_its_signal_or_the_last_line(
 
 
 def test_a_process_that_said_nothing_has_its_status(tmp_path: Path) -> None:
-    """There is nothing else to tell."""
-    assert ended_run('a', 3, tmp_path) == Ended('a', 3, 'ended with status 3')
+    """And where it should have said why, with what the disk has left: it may be full."""
+    name, status, message = ended_run('a', 3, tmp_path)
+    assert (name, status) == ('a', 3)
+    log = re.escape(str(tmp_path / 'logs/worker.log'))
+    assert re.fullmatch(
+        rf'ended with status 3, nothing in {log}, [\d,]+ bytes of disk left', message
+    )
 
 
 def test_without_ray_it_is_told_how_to_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,12 +92,9 @@ def test_an_address_where_nobody_listens_is_told_at_once(scheme: str) -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        (None, 'run.json: expected what a run is'),
-        ('{', 'run.json: expected what a run is'),
-        (
-            '{"identity": {"task": "fly"}}',
-            "task: expected one of train, transfer, evaluate, got 'fly'",
-        ),
+        (None, 'run.json: cannot be read: No such file or directory'),
+        ('{', 'run.json: not JSON: Expecting property name'),
+        ('{"identity": {"task": "fly"}}', 'run.json: point: expected names and values, got none'),
     ],
 )
 def test_a_folder_that_is_no_run_is_refused(

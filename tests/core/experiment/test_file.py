@@ -96,12 +96,12 @@ matrix:
 
 
 def test_a_transfers_parameters_are_known_where_there_is_one(tmp_path: Path) -> None:
-    """Elsewhere they would do nothing, as in conditions; its options have the usual defaults."""
+    """Elsewhere they would do nothing, as in conditions; 0 steps are as many as usual."""
     (block,) = read(tmp_path, TRANSFER).blocks
     assert block.axes == {
         'variants': {'a': {'transfer.decays': True, 'gathering.random_actions': 0.2}}
     }
-    assert block.tasks['transfer'] == TransferOptions(states=7, steps=10_000, from_training=False)
+    assert block.tasks['transfer'] == TransferOptions(states=7, steps=0, from_training=False)
     for text in (
         TRANSFER.replace('train: {}, transfer: {states: 7, from_training: false}', 'evaluate: {}'),
         TRANSFER.replace('variants', 'conditions'),
@@ -156,8 +156,8 @@ matrix:
         (
             '[rstdp]',
             '[rstdp, dqm]',
-            r':3: matrix\[0\]\.controllers\[1\]: expected braitenberg or rstdp or dqn or '
-            r"dqn_snn, got 'dqm'",
+            r':3: matrix\[0\]\.controllers\[1\]: expected braitenberg or dqn or '
+            r"dqn_snn or rstdp, got 'dqm'",
         ),
         ('[rstdp]', 'rstdp', r":3: matrix\[0\]\.controllers: expected a list, got 'rstdp'"),
         ('[rstdp]', '[]', r':3: matrix\[0\]\.controllers: expected a list of at least one'),

@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 from spikelane.report.collect import collect, ReportError
-from spikelane.report.runs import LeftOut
+from spikelane.report.runs import LeftOut, TrainingRun
 from spikelane_controllers.checkpoint import write_checkpoint
+from spikelane_controllers.dqn.results import DqnResults
 
 METRICS = {
     'completed': True,
@@ -33,15 +34,19 @@ def write_lap(folder: Path, **others: Any) -> Path:
     return folder
 
 
-def write_training(folder: Path, seed: int, ends: list[list[Any]], **config: Any) -> Path:
-    """Write the checkpoint of a training of R-STDP, and nothing else."""
+def write_training(
+    folder: Path, seed: int, ends: list[list[Any]], controller: str = 'rstdp', **config: Any
+) -> Path:
+    """Write the checkpoint of a training, and nothing else."""
     folder.mkdir(parents=True)
     facts = {
-        'config': {'scenario': '2', 'controller': 'rstdp', 'seed': seed, **config},
+        'config': {'scenario': '2', 'controller': controller, 'seed': seed, **config},
         'steps': 9000,
         'terminations': ends,
+        'outcomes': [],
+        'controller': {'updates': 0},
     }
-    write_checkpoint(folder / 'checkpoint.safetensors', 'rstdp', {'a': np.zeros(2)}, facts)
+    write_checkpoint(folder / 'checkpoint.safetensors', controller, {'a': np.zeros(2)}, facts)
     return folder
 
 
@@ -101,9 +106,9 @@ def write_transfer(folder: Path, checkpoint: str, **config: Any) -> Path:
     folder.mkdir()
     values = {'scenario': '1', 'seed': 0, 'checkpoint': checkpoint, 'transfer': {}, **config}
     (folder / 'config.yaml').write_text(yaml.safe_dump(values))
-    names = ('accuracy', 'training_accuracy', 'states', 'maximum')
-    (folder / 'metrics.json').write_text(json.dumps(dict.fromkeys(names, 1) | {'rates': {}}))
-    facts = {'config': values}
+    metrics = {'accuracy': 1.0, 'training_accuracy': 1.0, 'states': 1, 'maximum': 1, 'rates': {}}
+    (folder / 'metrics.json').write_text(json.dumps(metrics))
+    facts = {'config': values, 'curve': []}
     write_checkpoint(folder / 'checkpoint.safetensors', 'dqn_snn', {'a': np.zeros(2)}, facts)
     return folder
 
@@ -114,7 +119,13 @@ def test_a_transfers_training_is_part_of_its_setting(tmp_path: Path) -> None:
     trained.mkdir()
     config = {'scenario': '1', 'controller': 'dqn', 'seed': 0, 'save_every': 1000}
     config['dqn'] = {'network.initial_bound': 0.001}
-    facts = {'config': config, 'steps': 500, 'terminations': []}
+    facts = {
+        'config': config,
+        'steps': 500,
+        'terminations': [],
+        'outcomes': [],
+        'controller': {'updates': 0},
+    }
     write_checkpoint(trained / 'checkpoint.safetensors', 'dqn', {'a': np.zeros(2)}, facts)
     (trained / 'run.json').write_text('{}')
     moved = write_transfer(tmp_path / 'transfer', '/elsewhere/train')
@@ -182,20 +193,28 @@ def test_a_training_is_read_from_its_checkpoint_alone(tmp_path: Path) -> None:
     ]
     write_training(tmp_path / '0', 0, [lost, *laps])
     write_training(tmp_path / '1', 1, [laps[0], lost, laps[1]])
-    settled, unsettled = collect([tmp_path]).trainings
-    assert (settled.scenario, settled.seed, settled.steps) == ('2', 0, 9000)
+    first, second = collect([tmp_path]).trainings
+    settled, unsettled = first.results, second.results
+    assert (first.scenario, first.seed, settled.steps) == ('2', 0, 9000)
     assert (settled.last_lane_loss_step, settled.has_settled) == (4000, True)
     assert [end.lane for end in settled.terminations] == ['outer', 'inner', 'outer']
     assert unsettled.has_settled is True  # its inner lap ended at step 6000, after 4000
     one_lane = write_training(tmp_path / '2', 2, [laps[0], [*[7000], *lost[1:]], laps[1]])
     [half] = collect([one_lane]).trainings
-    assert (half.last_lane_loss_step, half.has_settled) == (7000, False)
+    assert (half.results.last_lane_loss_step, half.results.has_settled) == (7000, False)
     # On a course of one lane, twice.
     once, twice = ([lost, *[laps[1]] * number] for number in (1, 2))
     [run] = collect([write_training(tmp_path / '3', 3, once)]).trainings
-    assert run.has_settled is False
+    assert run.results.has_settled is False
     [run] = collect([write_training(tmp_path / '4', 4, twice)]).trainings
-    assert run.has_settled is True
+    assert run.results.has_settled is True
+
+
+def solved(run: TrainingRun) -> tuple[Any, Any]:
+    """Return the number of the first episode, and the step at the last one's end."""
+    results = run.results
+    assert isinstance(results, DqnResults)
+    return results.solved_episode, results.solved_step
 
 
 def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None:
@@ -205,13 +224,13 @@ def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None
         [1000 * n, n, ('inner', 'outer')[n % 2], 'A', 1.0, 0.0, 1000, reason]
         for n, reason in enumerate(names, 1)
     ]
-    [run] = collect([write_training(tmp_path / '0', 0, ends)]).trainings
-    assert (run.solved_episode, run.solved_step) == (2, 4000)
+    [run] = collect([write_training(tmp_path / '0', 0, ends, 'dqn')]).trainings
+    assert solved(run) == (2, 4000)
     of_one_lane = [[*end[:2], 'outer', *end[3:]] for end in ends]
-    [run] = collect([write_training(tmp_path / '2', 0, of_one_lane)]).trainings
-    assert (run.solved_episode, run.solved_step) == (2, 4000)
-    [never] = collect([write_training(tmp_path / '1', 0, ends[:3])]).trainings
-    assert (never.solved_episode, never.solved_step) == (None, None)
+    [run] = collect([write_training(tmp_path / '2', 0, of_one_lane, 'dqn')]).trainings
+    assert solved(run) == (2, 4000)
+    [never] = collect([write_training(tmp_path / '1', 0, ends[:3], 'dqn')]).trainings
+    assert solved(never) == (None, None)
 
 
 def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:

@@ -8,59 +8,49 @@ from typing import Any
 
 import pytest
 
-from spikelane.figures.training_time import draw_training_time, Time, TrainingTimes
-from spikelane.report.runs import TrainingRun
-from spikelane.report.training_times import first_lap, stable
-from spikelane_controllers.training import Termination
+from spikelane.figures.training_time import draw_training_time, TrainingTimes
+from spikelane_controllers.learning.results import Time
+from spikelane_controllers.learning.training import Termination
 
 
-def training(controller: str, ends: list[tuple[int, str, int, str]], **config: Any) -> TrainingRun:
-    """Make a training from step, lane, length in steps of 50 ms and reason of its episodes."""
-    return TrainingRun(
-        controller=controller,
-        scenario='1',
-        seed=0,
-        setting='',
-        folder=Path('x'),
-        config={'scenario': '1', **config},
-        metrics={},
-        steps=100_000,
-        terminations=[
-            Termination(step, number, lane, 'A', 1.0, 0.0, length, reason)
-            for number, (step, lane, length, reason) in enumerate(ends, 1)
-        ],
-        outcomes=[],
-    )
+def ends_of(*ends: tuple[int, str, int, str]) -> list[Termination]:
+    """Return how episodes ended, of step, lane, length in steps of 50 ms and reason."""
+    return [
+        Termination(step, number, lane, 'A', 1.0, 0.0, length, reason)
+        for number, (step, lane, length, reason) in enumerate(ends, 1)
+    ]
 
 
-def test_rstdp_is_stable_after_its_last_lane_loss() -> None:
+def test_rstdp_is_stable_after_its_last_lane_loss(finish_training: Any) -> None:
     """Its first lap ends an episode; that it is stable later is censored if it has not settled."""
     lost = (900, 'outer', 900, 'lane_lost')
     laps = [(5200, 'inner', 4300, 'laps_complete'), (9900, 'outer', 4700, 'laps_complete')]
-    run = training('rstdp', [lost, *laps])
-    assert (first_lap(run), stable(run)) == ((5200.0, True), (900.0, True))
-    assert first_lap(training('rstdp', [lost])) == (100_000.0, False)
-    again = training('rstdp', [*laps, (11_000, 'inner', 1100, 'lane_lost')])
-    assert stable(again) == (11_000.0, False)
+    run = finish_training('rstdp', ends_of(lost, *laps), steps=100_000)
+    assert (run.first_lap(), run.stable()) == ((5200.0, True), (900.0, True))
+    never = finish_training('rstdp', ends_of(lost), steps=100_000)
+    assert never.first_lap() == (100_000.0, False)
+    again = ends_of(*laps, (11_000, 'inner', 1100, 'lane_lost'))
+    assert finish_training('rstdp', again, steps=100_000).stable() == (11_000.0, False)
 
 
-def test_dqns_first_lap_is_within_an_episode() -> None:
+def test_dqns_first_lap_is_within_an_episode(finish_training: Any) -> None:
     """31.99 m at 1 rad/s, 0.0975 m and 50 ms a step, 0.004875 m, take 6,563 steps."""
-    simulator = {'robot.wheel_radius_m': 0.0975}
-    ends = [
+    config = {'simulator': {'robot.wheel_radius_m': 0.0975}, 'dqn': {'task.drive_rad_s': 1.0}}
+    ends = ends_of(
         (656, 'outer', 6560, 'lane_lost'),
         (1656, 'outer', 10_000, 'step_limit'),
         (2656, 'inner', 10_000, 'step_limit'),
         (3656, 'outer', 10_000, 'step_limit'),
-    ]
-    run = training('dqn', ends, simulator=simulator, dqn={'task.drive_rad_s': 1.0})
-    assert first_lap(run) == (6560.0 + 6563.0, True)
-    assert stable(run) == (6560.0, True)
+    )
+    run = finish_training('dqn', ends, steps=100_000, **config)
+    assert run.first_lap() == (6560.0 + 6563.0, True)
+    assert run.stable() == (6560.0, True)
+    never = finish_training('dqn', ends[:1], steps=100_000, **config)
+    assert never.first_lap() == never.stable() == (6560.0, False)
     # At twice the speed half as many are enough.
-    fast = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 2.0})
-    assert first_lap(fast) == (3282.0, True)
-    never = training('dqn', ends[:1], simulator=simulator, dqn={'task.drive_rad_s': 1.0})
-    assert first_lap(never) == stable(never) == (6560.0, False)
+    config['dqn'] = {'task.drive_rad_s': 2.0}
+    fast = finish_training('dqn', ends[:1], steps=100_000, **config)
+    assert fast.first_lap() == (3282.0, True)
 
 
 @pytest.mark.parametrize(

@@ -142,8 +142,8 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
         'scenarios',
         'rewards',
         'state_input',
-        'dqn_scenario_1_robot_model_kinematic_training',
-        'dqn_scenario_1_robot_model_kinematic_states',
+        'dqn_scenario_1_robot_model_kinematic_episodes',
+        'dqn_scenario_1_robot_model_kinematic_state_images',
         'transfer_scenario_1_setting_1_accuracy',
         'transfer_scenario_1_setting_1_rates',
         'rstdp_scenario_1_robot_model_kinematic_weights',
@@ -176,8 +176,9 @@ def test_each_row_has_its_command(report: dict[str, Any]) -> None:
     )
     [transfer] = groups['Transfers']
     assert transfer == (
-        f'./spikelane transfer --scenario 1 --seed 1 --checkpoint {runs}/dqn --from-training '
-        '--robot kinematic --param gathering.states=300 --param transfer.steps=60 '
+        './spikelane transfer --scenario 1 --seed 1 --controller dqn_snn '
+        f'--checkpoint {runs}/dqn --from-training --robot kinematic '
+        '--param gathering.states=300 --param transfer.steps=60 '
         f'--out {runs}/transfer'
     )
     root = html5lib.parse(page_of(report), namespaceHTMLElements=False)

@@ -11,8 +11,8 @@ import numpy as np
 
 from my_controllers.balance import Balance, BalanceParameters
 from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.learning.training import controller_state
 from spikelane_controllers.state import array, number, State
-from spikelane_controllers.training import controller_state
 from spikelane_sim.contract import Observation
 from spikelane_sim.parameters import parameter
 

@@ -10,7 +10,7 @@ from launch.actions import OpaqueFunction
 
 from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
-from spikelane_controllers.registry import controller_names
+from spikelane_controllers.registry import controller_names, usual_controller, usual_training
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -21,7 +21,7 @@ def generate_launch_description() -> LaunchDescription:
             graph.argument(
                 'controllers',
                 f'Which, with commas between them: {", ".join(controller_names())}.',
-                'braitenberg,rstdp',
+                f'{usual_controller()},{usual_training()}',
             ),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
             graph.argument('max_steps', 'Steps of 50 ms that end the laps early; 0: none.', '0'),

@@ -10,7 +10,7 @@ from launch.actions import OpaqueFunction
 
 from spikelane.launch import graph
 from spikelane.training import training_defaults
-from spikelane_controllers.registry import training_names
+from spikelane_controllers.registry import training_names, usual_training
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -18,7 +18,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *graph.run_arguments(record=False),
-            *graph.controller_arguments(training_names(), default='rstdp'),
+            *graph.controller_arguments(training_names(), default=usual_training()),
             graph.argument('output', "Folder of the training's checkpoints."),
             graph.argument('steps', 'To learn for; 0: as many as is usual.', '0'),
             graph.flag('resume', 'Whether to go on with the training in the folder.', False),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from spikelane_controllers.checkpoint import checkpoint_file
+from spikelane_controllers.registry import card, transfer_names
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 
@@ -39,9 +40,16 @@ def _inputs(configuration: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
         if isinstance(values, Mapping) and values.get('checkpoint')
     }
     if 'transfer' in configuration:
-        weights['dqn'] = configuration['checkpoint']
+        taken = card(transferred_controller(configuration)).transfer
+        if taken is not None:
+            weights[taken.source] = configuration['checkpoint']
     for controller, name in weights.items():
         try:
             yield name, checkpoint_file(find_checkpoint(controller, name))
         except CheckpointError:
             continue
+
+
+def transferred_controller(configuration: Mapping[str, Any]) -> str:
+    """Return the controller of a transfer's configuration; the first versions had but one."""
+    return str(configuration.get('controller') or transfer_names()[0])

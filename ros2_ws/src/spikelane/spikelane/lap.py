@@ -20,6 +20,7 @@ from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.operations import Operations, sum_operations
+from spikelane_controllers.shown import shown_by
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -130,7 +131,7 @@ def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
 
         def on_step(observation: Observation, wheels: WheelVelocities) -> None:
             recorder.append(observation, simulator.robot_state, wheels)
-            if (done := getattr(controller, 'operations', None)) is not None:
+            if (done := shown_by(controller).operations) is not None:
                 operations.append(done)
             if observation.lane is not None:
                 show(observation.lane.step, observation.lane.progress_m)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import contextlib
 import csv
 import dataclasses
 import io
 from pathlib import Path
 import time
-from typing import Any, cast, NamedTuple, TYPE_CHECKING
+from typing import Any, cast
 
 from spikelane.configuration import (
     Configuration,
@@ -18,53 +19,48 @@ from spikelane.configuration import (
 from spikelane.interruption import check
 from spikelane.lap import Show
 from spikelane.run_folder import RunFolder
-from spikelane.settling import has_settled, last_lane_loss_step
-from spikelane_controllers.learning_controller import (
+from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
     LearningController,
 )
-from spikelane_controllers.registry import controller_class, training_class
-from spikelane_controllers.rstdp_training import PlasticTraining
-from spikelane_controllers.scalars import LOG_FOLDER, ScalarLog
-from spikelane_controllers.states import read_states
-from spikelane_controllers.training import (
-    Termination,
-    Training,
-    TrainingParameters,
+from spikelane_controllers.learning.results import (
+    FinishedRun,
+    NothingToDrawError,
+    TrainingResults,
 )
-from spikelane_sim.contract import controller_rng, TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
-from spikelane_sim.course import course_label, load_course
-from spikelane_sim.encoding import EncodingParameters
+from spikelane_controllers.learning.scalar_log import LOG_FOLDER, ScalarLog
+from spikelane_controllers.learning.training import Termination, Training, TrainingParameters
+from spikelane_controllers.registry import (
+    controller_class,
+    title,
+    training_card,
+    training_class,
+    training_results,
+)
+from spikelane_sim.contract import controller_rng
+from spikelane_sim.course import course_label
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.simulator import Simulator
 
-if TYPE_CHECKING:
-    from spikelane_controllers.dqn_training import DqnTraining
-    from spikelane_controllers.rstdp import RStdpParameters
-
-#: What training differs in from driving a lap, by controller (paper sections 3.4 and 4.4).
-TRAINING_DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    'rstdp': {
-        'simulator.episode.max_distance_m': 0.2,
-        'simulator.episode.max_laps': 1,
-        'rstdp.learning': True,
-        'rstdp.checkpoint': '',
-    },
-    'dqn': {
-        'simulator.episode.max_distance_m': 0.5,
-        'simulator.episode.max_laps': 0,
-        'simulator.episode.max_steps': 10_000,  # 1,000 actions
-        'dqn.learning': True,
-        'dqn.checkpoint': '',
-    },
-}
+#: What the names of the simulator's parameters begin with.
+_SIMULATOR = 'simulator.'
 
 
 def training_defaults(controller: str) -> Mapping[str, Any]:
-    """Return what training differs in from driving a lap; of other packages', only that it is."""
-    learns = {f'{controller}.learning': True, f'{controller}.checkpoint': ''}
-    return TRAINING_DEFAULTS.get(controller, learns)
+    """Return the parameters whose defaults are different in a training.
+
+    Raises:
+        ParameterError: No controller that learns by driving has this name.
+    """
+    given = training_card(controller).defaults.items()
+    return {
+        **{
+            name if name.startswith(_SIMULATOR) else f'{controller}.{name}': v for name, v in given
+        },
+        f'{controller}.learning': True,
+        f'{controller}.checkpoint': '',
+    }
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -177,25 +173,18 @@ def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -
     return training
 
 
-class Report(NamedTuple):
-    """What the training of one kind of controller leaves beside what all leave."""
-
-    metrics: dict[str, Any]
-    columns: list[dict[str, Any]]  # of each episode, beside those of its termination
-    figures: tuple[Path, ...]
-
-
 def report_training(
-    config: TrainConfig, training: Training, folder: RunFolder, wall_time_s: float | None
+    config: TrainConfig, folder: RunFolder, wall_time_s: float | None
 ) -> dict[str, Any]:
-    """Write the episodes, metrics and figures of a training.
+    """Write the episodes, metrics and figures of a training that has just ended.
 
     Returns:
         The metrics and where everything is, ready for JSON.
     """
-    title = f'{config.controller}, scenario {config.scenario}, seed {config.seed}'
-    report = _REPORTS.get(config.controller, _report_any)(config, training, folder, title)
-    _write_episodes(training.terminations, report.columns, folder.episodes)
+    run = FinishedRun(config.controller, folder.path, config.to_dict(), {})
+    results = training_results(config.controller)(run)
+    _write_episodes(results.terminations, results.episode_columns(), folder.episodes)
+    name = f'{title(config.controller)}, scenario {config.scenario}, seed {config.seed}'
     result = {
         'scenario': config.scenario,
         'controller': config.controller,
@@ -204,100 +193,23 @@ def report_training(
         'robot': config.simulator.robot.model,
         'pixels': config.simulator.pixels.model,
         'antialias': config.simulator.camera.antialias,
-        **training_metrics(training),
-        **report.metrics,
+        **results.metrics(),
         'wall_time_s': wall_time_s,
         'folder': str(folder.path),
         'checkpoint': str(folder.checkpoint),
-        'figures': [str(figure) for figure in report.figures],
+        'figures': [str(file) for file in _draw(results, folder.figures, name)],
     }
     folder.write_metrics(result)
     return result
 
 
-def _report_any(config: TrainConfig, training: Training, folder: RunFolder, title: str) -> Report:
-    from spikelane.figures.terminations import draw_terminations
-
-    course = load_course(config.simulator.course)
-    figures = draw_terminations(training, course, folder.figures / 'terminations', title)
-    return Report({}, [{} for _ in training.terminations], tuple(figures))
-
-
-def _report_plastic(
-    config: TrainConfig, training: Training, folder: RunFolder, title: str
-) -> Report:
-    from spikelane.figures.terminations import draw_terminations
-    from spikelane.figures.weights import draw_weights
-
-    watched = cast(PlasticTraining, training)
-    course = load_course(config.simulator.course)
-    figures = (
-        *draw_weights(watched, _encoding(config), folder.figures / 'weights', title),
-        *draw_terminations(training, course, folder.figures / 'terminations', title),
-    )
-    metrics = {'braitenberg_correlation': _braitenberg_correlation(config, watched)}
-    return Report(metrics, [{} for _ in training.terminations], figures)
-
-
-def _report_dqn(config: TrainConfig, training: Training, folder: RunFolder, title: str) -> Report:
-    from spikelane.dqn_results import dqn_metrics, episode_columns
-    from spikelane.figures.episodes import draw_episodes
-    from spikelane.figures.state_images import draw_state_images
-
-    learnt = cast('DqnTraining', training)
-    lanes = tuple(load_course(config.simulator.course).lanes)
-    figures = draw_episodes(learnt, lanes, folder.figures / 'episodes', title)
-    if len(states := read_states(folder.path)):
-        figures += draw_state_images(states, folder.figures / 'state_images', title)
-    return Report(dqn_metrics(learnt), episode_columns(learnt.outcomes), figures)
-
-
-_REPORTS = {'rstdp': _report_plastic, 'dqn': _report_dqn}
-
-
-def training_metrics(training: Training) -> dict[str, Any]:
-    """Measure a training.
-
-    Returns:
-        steps: Steps driven.
-        episodes: Episodes ended.
-        lane_losses: Those that ended with the lane lost.
-        last_lane_loss_step: Step of the last of them, 0 where there was none.
-        settled: Whether every lane was driven in full after it (`settling.has_settled`); where
-            not, it is only the last one so far.
-        laps_since: Laps completed after it, by lane.
-    """
-    last = last_lane_loss_step(training.terminations)
-    lost = [each for each in training.terminations if each.reason == TERMINATED_LANE_LOST]
-    since = [
-        each.lane
-        for each in training.terminations
-        if each.reason == TERMINATED_LAPS_COMPLETE and each.step > last
-    ]
-    return {
-        'steps': training.steps,
-        'episodes': len(training.terminations),
-        'lane_losses': len(lost),
-        'last_lane_loss_step': last,
-        'settled': has_settled(training.terminations),
-        'laps_since': {lane: since.count(lane) for lane in sorted(set(since))},
-    }
-
-
-def _encoding(config: TrainConfig) -> EncodingParameters:
-    """Return how the learning controller's inputs are made."""
-    return cast('RStdpParameters', config.controller_parameters).encoding
-
-
-def _braitenberg_correlation(
-    config: TrainConfig, training: PlasticTraining
-) -> dict[str, float | None] | None:
-    """Compare the weights with those set by hand; None where the inputs are others."""
-    from spikelane.figures.weights import weights_correlation
-
-    if _encoding(config) != EncodingParameters():
-        return None
-    return weights_correlation(training.controller.weights_pa, training.weight_history[0])
+def _draw(results: TrainingResults, folder: Path, name: str) -> list[Path]:
+    """Draw what there is to be drawn."""
+    files: list[Path] = []
+    for figure in results.figures():
+        with contextlib.suppress(NothingToDrawError):
+            files.extend(figure.draw(folder / figure.name, name))
+    return files
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:

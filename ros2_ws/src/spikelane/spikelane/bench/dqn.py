@@ -12,8 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.bench.unavailable import BenchmarkUnavailableError
-from spikelane_controllers.dqn_parameters import QLearningParameters
-from spikelane_controllers.q_network import greedy_action, initial_network, QNetworkParameters
+from spikelane_controllers.dqn.parameters import QLearningParameters
+from spikelane_controllers.dqn.q_network import (
+    greedy_action,
+    initial_network,
+    QNetworkParameters,
+)
 from spikelane_sim.env import LaneKeepingEnv
 
 STABLE_BASELINES3_VERSION = '2.9.2'
@@ -107,7 +111,7 @@ def _timed(learn: Callable[[_Stopwatch], Policy]) -> _Learnt:
 
 
 def _learn_here(steps: int, seed: int) -> _Learnt:
-    from spikelane_controllers.q_learning import QLearning
+    from spikelane_controllers.dqn.q_learning import QLearning
 
     rng = np.random.default_rng(seed)
     network = initial_network(rng, 512, 3, QNetworkParameters())

@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.bench.unavailable import BenchmarkUnavailableError
-from spikelane_controllers.plasticity import (
-    PlasticNetwork,
-    resting_plastic_state,
-    synapse_rule,
-    SynapseParameters,
-)
-from spikelane_controllers.poisson import poisson_spikes
-from spikelane_controllers.spiking import (
+from spikelane_controllers.spiking.network import (
     DelayParameters,
     GRID_STEPS,
     neuron_constants,
     NeuronParameters,
     Spikes,
 )
+from spikelane_controllers.spiking.plasticity import (
+    PlasticNetwork,
+    resting_plastic_state,
+    synapse_rule,
+    SynapseParameters,
+)
+from spikelane_controllers.spiking.poisson import poisson_spikes
 from spikelane_sim.errors import SpikelaneError
 
 NEST_VERSION = '3.10.0'

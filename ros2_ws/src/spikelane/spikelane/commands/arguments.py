@@ -12,7 +12,7 @@ from typing import Any
 
 from spikelane.configuration import TRANSPORTS
 from spikelane.lap import Show
-from spikelane_controllers.registry import controller_class, controller_names
+from spikelane_controllers.registry import controller_class, controller_names, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import parse_yaml, ParseError
@@ -53,7 +53,7 @@ def add_configuration_arguments(
         help="smooth the camera image's edges (default: no)",
     )
     add_parameter_arguments(
-        parser, example='simulator.camera.fov_deg=90, braitenberg.steering.v_max=2.0'
+        parser, example=f'simulator.camera.fov_deg=90, {usual_controller()}.steering.v_max=2.0'
     )
     parser.add_argument(
         '--out',
@@ -89,9 +89,9 @@ def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare which controller drives, and with which weights."""
     parser.add_argument(
         '--controller',
-        default='braitenberg',
+        default=usual_controller(),
         choices=controller_names(),
-        help='what drives (default: braitenberg)',
+        help=f'what drives (default: {usual_controller()})',
     )
     parser.add_argument(
         '--checkpoint',

@@ -8,7 +8,7 @@ import json
 from spikelane.check import check
 from spikelane.commands.arguments import add_parameter_arguments, parse_parameters
 from spikelane.configuration import TRANSPORTS
-from spikelane_controllers.registry import controller_names
+from spikelane_controllers.registry import controller_names, usual_controller
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=TRANSPORTS,
         help='ros: also drive and train over ROS, with its node (default: inprocess)',
     )
-    add_parameter_arguments(parser, example='braitenberg.steering.v_max=2.0')
+    add_parameter_arguments(parser, example=f'{usual_controller()}.steering.v_max=2.0')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 

@@ -18,7 +18,9 @@ from spikelane.experiment.local import LocalEngine
 from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, State
+from spikelane.experiment.tasks import task_named
 from spikelane.lock import locked
+from spikelane.requirements import require
 from spikelane.run_folder import make_folder, RunFolder, RUNS
 from spikelane_sim.errors import ParameterError
 
@@ -117,6 +119,7 @@ def do_plan(
     # Here and not above: drawing takes longer to import than a list of runs to make.
     from spikelane.experiment.table import shown
 
+    require(task_named(each.task).requires(each.point.controller) for each in plan.runs)
     make_folder(root, exist_ok=True)
     with locked(root, patience_s=1.0):
         runner = Runner(plan, root, retries)

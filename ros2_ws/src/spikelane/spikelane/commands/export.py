@@ -8,6 +8,7 @@ from pathlib import Path
 
 from spikelane.commands.arguments import add_parameter_arguments, parse_parameters
 from spikelane.configuration import parameter_groups
+from spikelane_controllers.registry import card, cards, controller_class, hook
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 
@@ -22,9 +23,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='DIR',
         help='folder that a transfer left, a checkpoint in it, or the name of shipped weights',
     )
+    names = exported_names()
+    parser.add_argument(
+        '--controller',
+        choices=names,
+        default=names[0],
+        help=f'whose network it is (default: {names[0]})',
+    )
     parser.add_argument('out', type=Path, metavar='FILE', help='to write, such as lane.nir')
-    add_parameter_arguments(parser, example='dqn_snn.neurons.clamped=false')
+    add_parameter_arguments(parser, example=f'{names[0]}.neurons.threshold_mv=1.0')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def exported_names() -> tuple[str, ...]:
+    """Return the names of the controllers that have a NIR graph."""
+    return tuple(name for name, each in cards().items() if each.nir_graph)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -36,17 +49,19 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
-    # Here and not above: the parameters alone take their time.
-    from spikelane_controllers.dqn_snn import DqnSnnParameters
-    from spikelane_controllers.nir_export import export_nir
-
+    controller = options.controller
     name = options.checkpoint
-    checkpoint = name if name in shipped_weights('dqn_snn') else str(Path(name).absolute())
+    is_shipped = name in shipped_weights(controller)
+    checkpoint = name if is_shipped else str(Path(name).absolute())
     given = parse_parameters(options.param)
-    if 'dqn_snn.checkpoint' in given:
-        raise ParameterError('dqn_snn.checkpoint: expected as an argument, got a parameter too')
-    groups = parameter_groups(given, {'dqn_snn': {'checkpoint': checkpoint}})
-    parameters = DqnSnnParameters.from_mapping(groups['dqn_snn'], 'dqn_snn')
+    if f'{controller}.checkpoint' in given:
+        raise ParameterError(
+            f'{controller}.checkpoint: expected as an argument, got a parameter too'
+        )
+    groups = parameter_groups(given, {controller: {'checkpoint': checkpoint}})
+    parameters_class = controller_class(controller).parameters_class
+    parameters = parameters_class.from_mapping(groups[controller], controller)
+    export_nir = hook(controller, card(controller).nir_graph)
     graph = export_nir(options.out, parameters)
     nodes = {name: type(node).__name__ for name, node in graph.nodes.items()}
     result = {'file': str(options.out), 'nodes': nodes, 'metadata': graph.metadata}
@@ -54,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(result))
         return 0
     print(f'{options.out}: ' + ' -> '.join(nodes.values()))
-    if parameters.neurons.clamped:
+    if 'v_min' in graph.metadata:
         print(
             'NIR has no word for potentials that never fall below 0 (metadata v_min): a simulator '
             'must raise them after each time step to fire as the controller does.'

@@ -10,6 +10,7 @@ from typing import Any
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
 from spikelane.lap import Show
 from spikelane.lock import locked
+from spikelane.requirements import require
 from spikelane.run_folder import RunFolder, RUNS
 from spikelane.training import (
     make_config,
@@ -18,18 +19,29 @@ from spikelane.training import (
     TrainConfig,
 )
 from spikelane.transport import over_ros
-from spikelane_controllers.registry import training_class, training_names
-from spikelane_controllers.training import Training
+from spikelane_controllers.learning.results import FinishedRun
+from spikelane_controllers.registry import (
+    training_card,
+    training_class,
+    training_names,
+    training_results,
+)
 from spikelane_sim.errors import CheckpointChoiceError, ParameterError
 
 
 def _usual_steps() -> str:
     """Return what --steps are and how many are usual, in words."""
-    rstdp, dqn = (training_class(name).parameters_class.steps for name in ('rstdp', 'dqn'))
-    return (
-        f'steps to drive: for rstdp of 50 ms each (default: {rstdp}), for dqn of one action, '
-        f'10 times as long, each (default: {dqn})'
+    each = '; '.join(
+        f'{name}: {training_results(name).step_words}, '
+        f'default {training_class(name).parameters_class.steps}'
+        for name in training_names()
     )
+    return f'steps to drive; what a step is depends on the controller ({each})'
+
+
+def _devices() -> str:
+    """Return the names of the controllers that take --device."""
+    return ', '.join(name for name in training_names() if training_card(name).device)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--device',
         choices=('cpu', 'cuda'),
-        help='where the Q-network learns, for dqn (default: cpu)',
+        help=f'where it learns; for {_devices()} (default: cpu)',
     )
     parser.add_argument(
         '--resume',
@@ -58,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
+    require([training_card(options.controller).requires])
     config = make_config(
         options.scenario,
         options.controller,
@@ -70,12 +83,12 @@ def run(options: argparse.Namespace) -> int:
     with locked(folder.path):
         start_s = time.monotonic()
         with progress(options.json) as show:
-            training = _train(config, folder, show, options.resume)
+            _train(config, folder, show, options.resume)
         if options.resume:  # perhaps for more steps than before
             folder.write_config(config.to_dict())
         wall_time_s = None if options.resume else time.monotonic() - start_s
-        result = report_training(config, training, folder, wall_time_s)
-    print(json.dumps(result) if options.json else _summary(result))
+        result = report_training(config, folder, wall_time_s)
+    print(json.dumps(result) if options.json else _summary(config, folder, result))
     return 0
 
 
@@ -83,9 +96,13 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
     """Return the parameter that a given device is."""
     if options.device is None:
         return {}
-    if options.controller != 'dqn':
-        raise ParameterError(f'--device: expected the controller dqn, got {options.controller}')
-    return {'dqn.q_learning.device': options.device}
+    parameter = training_card(options.controller).device
+    if not parameter:
+        raise ParameterError(
+            f'--device: expected a controller that can choose one ({_devices()}), '
+            f'got {options.controller}'
+        )
+    return {f'{options.controller}.{parameter}': options.device}
 
 
 def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
@@ -97,35 +114,22 @@ def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
     return folder
 
 
-def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> Training:
+def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> None:
     if config.transport == 'inprocess':
-        return train(config, folder, show, resume=resume)
-    training: Training = over_ros('training', 'train_over_ros')(
-        config, folder, show, resume=resume
-    )
-    return training
+        train(config, folder, show, resume=resume)
+    else:
+        over_ros('training', 'train_over_ros')(config, folder, show, resume=resume)
 
 
-def _summary(result: dict[str, Any]) -> str:
+def _summary(config: TrainConfig, folder: RunFolder, result: dict[str, Any]) -> str:
     """Return the results for people, one line each."""
+    run = FinishedRun(config.controller, folder.path, config.to_dict(), result)
     lines = {
         'steps': f'{result["steps"]}',
         'lane lost': f'{result["lane_losses"]} times, the last at step '
         f'{result["last_lane_loss_step"]}{"" if result["settled"] else " (not settled)"}',
-        **(_full_episodes(result) if result['controller'] == 'dqn' else _laps(result)),
+        **training_results(config.controller)(run).summary(),
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),
     }
     return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
-
-
-def _laps(result: dict[str, Any]) -> dict[str, str]:
-    laps = ', '.join(f'{count} {lane}' for lane, count in result['laps_since'].items())
-    return {'laps since': laps or 'none'}
-
-
-def _full_episodes(result: dict[str, Any]) -> dict[str, str]:
-    solved = 'no three in a row on both lanes'
-    if result['solved_at'] is not None:
-        solved = f'three in a row on both lanes from step {result["solved_at"]}'
-    return {'full episodes': f'{result["full_episodes"]}, {solved}'}

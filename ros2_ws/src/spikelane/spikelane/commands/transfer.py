@@ -10,26 +10,34 @@ import sys
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters
+from spikelane.requirements import require
 from spikelane.run_folder import RunFolder
 from spikelane.transfer import (
     make_config,
     report_transfer,
-    Show,
     transfer,
 )
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.learning.transfer import Show
+from spikelane_controllers.registry import transfer_card, transfer_names
 
 _SHOWN_TIMES = 200  # of each stage
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
+    names = transfer_names()
+    parser.add_argument(
+        '--controller',
+        choices=names,
+        default=names[0],
+        help=f'what takes over what another controller has learnt (default: {names[0]})',
+    )
     parser.add_argument(
         '--checkpoint',
         metavar='DIR',
-        help='folder that a training of the DQN left, or a checkpoint in it (default: the weights '
-        'shipped for the scenario)',
+        help='folder that a training of that one left, or a checkpoint in it '
+        '(default: the weights shipped for the scenario)',
     )
     parser.add_argument(
         '--states',
@@ -41,14 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps',
         type=int,
-        default=TransferParameters.steps,
-        help=f'steps to train the network for (default: {TransferParameters.steps})',
+        help='steps to train the network for (default: as many as usual)',
     )
     parser.add_argument(
         '--from-training',
         action=argparse.BooleanOptionalAction,
-        help="use the states of the DQN's training too (default: where they are beside the "
-        'checkpoint)',
+        help='use the states met in that training too (default: where they are in the '
+        "checkpoint's folder)",
     )
     add_configuration_arguments(parser, transport=None, out='runs/transfer-...')
 
@@ -62,8 +69,12 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
-    counts = {'gathering.states': options.states, 'transfer.steps': options.steps}
+    require([transfer_card(options.controller).requires])
+    counts = {'gathering.states': options.states}
+    if options.steps is not None:
+        counts['transfer.steps'] = options.steps
     config = make_config(
+        options.controller,
         options.scenario,
         options.checkpoint,
         options.seed,

@@ -21,11 +21,12 @@ from spikelane.executables import find_executable
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.lap import LapConfig, make_config, report_lap
 from spikelane.lock import locked
+from spikelane.requirements import require
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_config as make_training_config
 from spikelane.training import report_training, TrainConfig
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
-from spikelane_controllers.registry import controller_names, training_names
+from spikelane_controllers.registry import controller_names, training_card, training_names
 from spikelane_sim.errors import ParameterError, SpikelaneError
 
 _CHECK_PERIOD_S = 0.2
@@ -92,6 +93,8 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError('--domain, --namespace: expected no --controller beside them')
     if options.transport != 'ros':
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
+    if options.train and options.controller in training_names():
+        require([training_card(options.controller).requires])
     try:
         with ViewerServer(options.port, options.data_port) as server:
             print(f'open {server.url} in a browser', file=sys.stderr)
@@ -142,8 +145,8 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
             config = _training_config(options)
             folder = RunFolder.begin(config, options.out)
             with locked(folder.path):
-                training = train_over_ros(config, folder, show, resume=False, viewer=viewer)
-                return report_training(config, training, folder, None)
+                train_over_ros(config, folder, show, resume=False, viewer=viewer)
+                return report_training(config, folder, None)
         lap = _lap_config(options)
         folder = RunFolder.begin(lap, options.out)
         return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import time
-from typing import Any, NamedTuple, Protocol
+from typing import Any, cast, NamedTuple, Protocol
 
 from spikelane.evaluation import evaluate, EvaluateConfig, EvaluationParameters, ShowShare
 from spikelane.evaluation import make_config as make_evaluate_config
@@ -20,15 +20,21 @@ from spikelane.training import report_training, train, TrainConfig
 from spikelane.transfer import (
     configure_transfer,
     report_transfer,
-    STATES,
+    source_of,
     transfer,
     TransferConfig,
 )
 from spikelane.transfer import make_config as make_transfer_config
 from spikelane.transport import over_ros
-from spikelane_controllers.gathering import GatheringParameters, MOST_STATES
-from spikelane_controllers.registry import controller_class
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.learning.gathering import GatheringParameters, MOST_STATES
+from spikelane_controllers.learning.transfer import STATES
+from spikelane_controllers.registry import (
+    card,
+    controller_class,
+    training_card,
+    transfer_card,
+    transfer_class,
+)
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 from spikelane_sim.simulator import SimulatorParameters
@@ -72,6 +78,7 @@ class Task(NamedTuple):
     groups: Callable[[str], Mapping[str, type[Parameters]]]
     needs: Callable[[str], Sequence[Need]]  # of a controller: the first that is planned is taken
     must_have_need: bool  # whether it cannot do without
+    requires: Callable[[str], str]  # of a controller: what is to be installed, '' for nothing
     # Given options and the checkpoint: a folder, or FROM_RUN; None where there is none.
     configure: Callable[[Point, Any, str | None], Configured]
     run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
@@ -99,9 +106,11 @@ class TransferOptions(Parameters):
         low=1,
         high=MOST_STATES,
     )
-    steps: int = parameter(TransferParameters.steps, 'Training steps.', low=1, high=MOST_STEPS)
+    steps: int = parameter(
+        0, 'Training steps of the network; 0: as many as usual.', low=0, high=MOST_STEPS
+    )
     from_training: bool = parameter(
-        True, "Whether the states of the deep Q-network's training are used too."
+        True, 'Whether the states met in the training before it are used too.'
     )
 
 
@@ -140,13 +149,11 @@ def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[s
         show(steps, min(1.0, steps / config.training.steps))
 
     if config.transport == 'inprocess':
-        training = train(config, folder, show_steps, resume=resume)
+        train(config, folder, show_steps, resume=resume)
     else:
-        training = over_ros('training', 'train_over_ros')(
-            config, folder, show_steps, resume=resume
-        )
+        over_ros('training', 'train_over_ros')(config, folder, show_steps, resume=resume)
     wall_time_s = None if resume else time.monotonic() - start_s
-    return report_training(config, training, folder, wall_time_s)
+    return report_training(config, folder, wall_time_s)
 
 
 def _configure_transfer(
@@ -154,19 +161,28 @@ def _configure_transfer(
 ) -> TransferConfig:
     parameters = {
         'gathering.states': options.states,
-        'transfer.steps': options.steps,
+        **({'transfer.steps': options.steps} if options.steps else {}),
         **point.parameters,
     }
     assert checkpoint is not None  # it must have its need
     # While runs are planned there is nothing to be found at that place.
     make = configure_transfer if checkpoint == FROM_RUN else make_transfer_config
-    return make(point.scenario, checkpoint, point.seed, parameters, options.from_training)
+    return make(
+        point.controller,
+        point.scenario,
+        checkpoint,
+        point.seed,
+        parameters,
+        options.from_training,
+    )
 
 
 def _transfer(config: TransferConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
-    per_state = config.gathering.decision.steps_per_action
-    gathering = config.gathering.states * per_state
-    whole = gathering + config.transfer.steps
+    gathered = cast(GatheringParameters, config.parameters['gathering'])
+    per_state = gathered.decision.steps_per_action
+    gathering = gathered.states * per_state
+    # Every transfer has a group `transfer` with `steps`.
+    whole = gathering + int(config.parameters['transfer'].to_dict()['steps'])
 
     def show_stage(what: str, done: int, of: int) -> None:
         del of
@@ -196,11 +212,9 @@ def _configure_evaluation(
 
 
 def _groups_of_transfer(controller: str) -> Mapping[str, type[Parameters]]:
-    del controller
     return {
         'simulator': SimulatorParameters,
-        'gathering': GatheringParameters,
-        'transfer': TransferParameters,
+        **transfer_class(controller).parameters_classes,
     }
 
 
@@ -223,16 +237,18 @@ TASKS: Mapping[str, Task] = {
         groups=controller_groups,
         needs=lambda controller: (),
         must_have_need=False,
+        requires=lambda controller: training_card(controller).requires,
         configure=_configure_training,
         run=_train,
     ),
     'transfer': Task(
         options=TransferOptions,
         is_of_conditions=False,
-        is_for=lambda controller: controller == 'dqn_snn',
+        is_for=lambda controller: card(controller).transfer is not None,
         groups=_groups_of_transfer,
-        needs=lambda controller: (Need('train', 'dqn'),),
+        needs=lambda controller: (Need('train', source_of(controller)),),
         must_have_need=True,
+        requires=lambda controller: transfer_card(controller).requires,
         configure=_configure_transfer,
         run=_transfer,
     ),
@@ -244,6 +260,7 @@ TASKS: Mapping[str, Task] = {
         # Where neither is in the experiment, it drives with the weights shipped.
         needs=lambda controller: (Need('train', controller), Need('transfer', controller)),
         must_have_need=False,
+        requires=lambda controller: '',
         configure=_configure_evaluation,
         run=evaluate,
     ),

@@ -13,9 +13,9 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.figures import style
 from spikelane.figures.course_map import draw_course
 from spikelane.trajectory import Trajectory
+from spikelane_sim import figure_style as style
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import Course
 from spikelane_sim.errors import SpikelaneError

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.figures import style
 from spikelane.trajectory import Trajectory
+from spikelane_sim import figure_style as style
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 
 if TYPE_CHECKING:

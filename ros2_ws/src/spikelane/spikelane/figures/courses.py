@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from spikelane.figures import style
 from spikelane.figures.course_map import draw_course, draw_path
 from spikelane.trajectory import Trajectory
+from spikelane_sim import figure_style as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

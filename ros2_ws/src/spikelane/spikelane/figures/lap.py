@@ -14,10 +14,10 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.figures import style
 from spikelane.figures.course_map import draw_course, draw_path
 from spikelane.metrics import lap_metrics
 from spikelane.trajectory import Trajectory
+from spikelane_sim import figure_style as style
 from spikelane_sim.contract import STEP_S, TERMINATED_LANE_LOST
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.figures import style
+from spikelane_sim import figure_style as style
 from spikelane_sim.contract import STEP_S
 
 if TYPE_CHECKING:

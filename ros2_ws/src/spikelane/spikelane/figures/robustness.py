@@ -12,7 +12,7 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from spikelane.figures import style
+from spikelane_sim import figure_style as style
 from spikelane_sim.errors import SpikelaneError
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from spikelane.figures import style
 from spikelane.figures.course_map import draw_course
+from spikelane_sim import figure_style as style
 from spikelane_sim.course import load_course
 
 _SIZE_IN = (10.6, 4.0)

@@ -13,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.figures import style
+from spikelane_sim import figure_style as style
 from spikelane_sim.encoding import (
     count_events,
     EncodingParameters,

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+import textwrap
 from typing import NamedTuple, TYPE_CHECKING
 
-from spikelane.figures import style
 from spikelane.statistics import time_statistics
+from spikelane_controllers.learning.results import Time
+from spikelane_sim import figure_style as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,23 +22,12 @@ if TYPE_CHECKING:
 _WIDTH_IN = 10.6
 _PANELS = (
     (0.3, 'first lap completed'),
-    (0.655, 'stable: no lane lost after, by\nR-STDP; three full episodes by DQN'),
+    (0.655, 'stable'),
 )
 _PANEL = 0.335
 _BAR_IN, _AROUND_IN = 0.5, 1.45
+_LETTERS = 44  # in a line of a panel's title
 _BAR = 0.5  # of a row's height
-
-
-class Time(NamedTuple):
-    """When a training got somewhere.
-
-    Attributes:
-        step: When it did, or was observed last without [steps of 50 ms].
-        reached: Whether it did.
-    """
-
-    step: float
-    reached: bool
 
 
 class TrainingTimes(NamedTuple):
@@ -54,7 +45,7 @@ class TrainingTimes(NamedTuple):
 
 
 def draw_training_time(
-    groups: Mapping[str, TrainingTimes], path: Path, title: str = ''
+    groups: Mapping[str, TrainingTimes], path: Path, title: str = '', stable: str = ''
 ) -> tuple[Path, ...]:
     """Draw the times of groups of trainings, a bar a group.
 
@@ -62,6 +53,7 @@ def draw_training_time(
         groups: By what was trained, in words.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
+        stable: What driving stably means, in words.
 
     Returns:
         The files written.
@@ -77,6 +69,8 @@ def draw_training_time(
         for index, (left, heading) in enumerate(_PANELS):
             box = (left, 0.55 / height_in, _PANEL, _BAR_IN * len(groups) / height_in)
             axes = figure.add_axes(box)
+            if index and stable:
+                heading = '\n'.join(textwrap.wrap(f'{heading}: {stable}', _LETTERS))
             axes.set_title(heading, fontsize=style.NORMAL_PT, weight='bold')
             for row, times in enumerate(groups.values()):
                 _draw_bar(axes, row, times[index], times.colour)  # type: ignore[arg-type]

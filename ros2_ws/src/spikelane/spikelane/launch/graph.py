@@ -20,7 +20,7 @@ from launch_ros.actions import Node
 
 from spikelane.executables import executables
 from spikelane.nodes.lap import RECORDED_DEPTH, recorder_windows, TOPICS
-from spikelane_controllers.registry import controller_names, controller_packages
+from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import ParseError, read_yaml_file
@@ -89,17 +89,17 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
 
 
 def controller_arguments(
-    controllers: Iterable[str] | None = None, default: str = 'braitenberg'
+    controllers: Iterable[str] | None = None, default: str | None = None
 ) -> list[DeclareLaunchArgument]:
     """Declare which controller takes part, and with which parameters.
 
     Args:
         controllers: To choose from; None: all.
-        default: The usual one.
+        default: The usual one; None: that of the commands.
     """
     names = controller_names() if controllers is None else tuple(controllers)
     return [
-        argument('controller', 'What drives.', default, names),
+        argument('controller', 'What drives.', default or usual_controller(), names),
         argument(
             'controller_file', "The controller's parameters; empty: those of the package.", ''
         ),

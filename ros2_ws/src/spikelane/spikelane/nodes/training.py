@@ -10,7 +10,7 @@ from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
 from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.training import make_training, TrainConfig
-from spikelane_controllers.training import Training
+from spikelane_controllers.learning.training import Training
 
 _END_S = 10.0  # for a node to end by itself, once it has nothing more to do
 

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.inputs import transferred_controller
 from spikelane.report.kinds import (
     check_config,
     EvaluationMetrics,
     LapMetrics,
     LapOfEvaluation,
     Results,
-    TransferMetrics,
     UNUSABLE,
 )
 from spikelane.report.runs import (
@@ -36,10 +36,14 @@ from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
 from spikelane.run_folder import RunFolder
 from spikelane.summary import check_lap_time
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.dqn_training import Outcome
-from spikelane_controllers.registry import controller_class, controller_names
-from spikelane_controllers.state import mapping, number, records
-from spikelane_controllers.training import Termination
+from spikelane_controllers.learning.results import FinishedRun
+from spikelane_controllers.registry import (
+    controller_class,
+    training_names,
+    training_results,
+    transfer_results,
+)
+from spikelane_controllers.state import mapping
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.files import FileError
 from spikelane_sim.kinds import check_kind, KindError
@@ -109,9 +113,9 @@ def _outcome(run: Lap | TrainingRun | TransferRun) -> str:
         names = ('steps', 'mean_abs_distance_m', 'max_abs_distance_m')
         parts += [run.lane, run.config['scenario'], *(run.metrics.get(name) for name in names)]
     elif isinstance(run, TrainingRun):
-        parts += [run.steps, run.terminations, run.outcomes]
+        parts += [run.results.terminations, run.results.episode_columns()]
     else:
-        parts += [run.metrics[name] for name in ('states', 'accuracy', 'maximum')]
+        parts += run.results.measures()
     return json.dumps(parts)
 
 
@@ -230,25 +234,24 @@ def _evaluated(
 
 
 def _training(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TrainingRun:
-    facts = read_checkpoint(folder, config['controller']).facts
+    controller = config['controller']
+    results = training_results(controller)(FinishedRun(controller, folder, config, metrics))
     return TrainingRun(
-        controller=config['controller'],
+        controller=controller,
         scenario=scenario_name(config),
         seed=config['seed'],
         setting=setting_of(config, folder).setting,
-        learnt_steps=number(facts, 'steps', int),
+        learnt_steps=results.steps,
         folder=folder,
         config=config,
         metrics=metrics,
-        steps=number(facts, 'steps', int),
-        terminations=records(facts, 'terminations', Termination),
-        outcomes=records(facts, 'outcomes', Outcome) if 'outcomes' in facts else [],
+        results=results,
     )
 
 
 def _training_of_checkpoint(folder: Path) -> TrainingRun:
     """Return a training of which only its checkpoint was kept."""
-    for name in controller_names():
+    for name in training_names():
         try:
             facts = read_checkpoint(folder, name).facts
         except CheckpointError:
@@ -262,15 +265,16 @@ def _training_of_checkpoint(folder: Path) -> TrainingRun:
 
 
 def _transfer(folder: Path, config: Mapping[str, Any], metrics: Mapping[str, Any]) -> TransferRun:
-    _check(metrics, TransferMetrics)
+    controller = transferred_controller(config)
     return TransferRun(
-        controller='dqn_snn',
+        controller=controller,
         scenario=scenario_name(config),
         seed=config['seed'],
         **setting_of(config, folder)._asdict(),
         folder=folder,
         config=config,
         metrics=metrics,
+        results=transfer_results(controller)(FinishedRun(controller, folder, config, metrics)),
     )
 
 

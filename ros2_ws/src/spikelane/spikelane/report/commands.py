@@ -13,10 +13,9 @@ import shlex
 from typing import Any
 
 from spikelane import lap, training
+from spikelane.inputs import transferred_controller
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
-from spikelane.transfer import GATHERING_DEFAULTS
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.registry import transfer_class
 from spikelane_sim.course import scenario_course
 from spikelane_sim.parsing import parse_yaml
 from spikelane_sim.simulator import SimulatorParameters
@@ -59,14 +58,15 @@ def _lap(config: Mapping[str, Any]) -> list[str]:
 def _training(run: TrainingRun) -> list[str]:
     config = run.config
     words = ['train', run.controller, *_what(config)]
-    words += ['--steps', str(config.get('training', {}).get('steps', run.steps))]
+    words += ['--steps', str(config.get('training', {}).get('steps', run.results.steps))]
     words += ['--transport', config.get('transport', 'inprocess')]
     return [*words, *_others('training', config), '--out', str(run.folder)]
 
 
 def _transfer(run: TransferRun) -> list[str]:
     config = run.config
-    words = ['transfer', *_what(config), '--checkpoint', config['checkpoint']]
+    words = ['transfer', *_what(config), '--controller', run.controller]
+    words += ['--checkpoint', config['checkpoint']]
     words.append('--from-training' if config['from_training'] else '--no-from-training')
     return [*words, *_others('transfer', config), '--out', str(run.folder)]
 
@@ -108,12 +108,17 @@ def _kind(run: Lap | TrainingRun | TransferRun) -> str:
 
 def _key(config: Mapping[str, Any]) -> tuple[str, str]:
     scenario = str(config.get('evaluated_for', config['scenario']))
-    return scenario, str(config.get('controller', ''))
+    controller = (
+        transferred_controller(config) if 'transfer' in config else config.get('controller', '')
+    )
+    return scenario, str(controller)
 
 
 def _given(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return all parameters under their names; those of a run are in its groups."""
-    groups = ('simulator', str(config.get('controller', '')), 'gathering', 'transfer')
+    groups = ['simulator', str(config.get('controller', ''))]
+    if 'transfer' in config:
+        groups += transfer_class(transferred_controller(config)).parameters_classes
     return {
         f'{group}.{name}': value
         for group in groups
@@ -131,10 +136,11 @@ def _usual(kind: str, scenario: str, controller: str) -> dict[str, Any]:
         config = training.make_config(scenario, controller, 0, 'inprocess', {}).to_dict()
     else:
         own: dict[str, Any] = {'course': scenario_course(scenario)}
-        own |= {name.partition('.')[2]: value for name, value in GATHERING_DEFAULTS.items()}
+        cls = transfer_class(controller)
+        own |= {name.partition('.')[2]: value for name, value in cls.defaults.items()}
         config = {
+            'controller': controller,
             'simulator': SimulatorParameters.from_mapping(own, 'simulator').to_dict(),
-            'gathering': GatheringParameters().to_dict(),
-            'transfer': TransferParameters().to_dict(),
+            **{name: group().to_dict() for name, group in cls.parameters_classes.items()},
         }
     return _given(json.loads(json.dumps(config, default=list)))

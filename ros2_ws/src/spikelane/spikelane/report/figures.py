@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import functools
-import math
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
-from spikelane.figures import style
-from spikelane.figures.past import PlasticPast
 from spikelane.interruption import check
 from spikelane.report.comparisons import (
     Comparison,
@@ -32,7 +28,6 @@ from spikelane.report.labels import (
     words_of,
 )
 from spikelane.report.missing import missing
-from spikelane.report.paper import paper_value
 from spikelane.report.runs import (
     Conditions,
     course_of,
@@ -42,12 +37,11 @@ from spikelane.report.runs import (
     TrainingRun,
     TransferRun,
 )
-from spikelane.report.training_times import first_lap, stable
 from spikelane.trajectory import read_csv, Trajectory
-from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.states import read_states
-from spikelane_controllers.weights import WEIGHTS
-from spikelane_sim.encoding import EncodingParameters, StateImageParameters
+from spikelane_controllers.learning.results import Figure
+from spikelane_controllers.registry import cards, hook, title
+from spikelane_sim import figure_style as style
+from spikelane_sim.encoding import StateImageParameters
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import WriteError
 
@@ -126,9 +120,9 @@ def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
     yield from _of_the_task(folder)
     chosen = representative_laps(runs.laps)
     yield from _of_a_lap(chosen, folder)
-    yield from _of_trainings(runs.trainings, folder)
-    yield from _of_transfers(runs.transfers, folder)
-    yield from _braitenberg(folder)
+    yield from _of_results(runs.trainings, folder)
+    yield from _of_results(runs.transfers, folder)
+    yield from _of_controllers(folder)
     for comparison in comparisons(chosen):
         yield _compared(comparison, chosen, runs.laps, folder)
     if runs.trainings:
@@ -138,15 +132,33 @@ def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
 
 
 def _of_the_task(folder: Path) -> Iterator[_Figure]:
-    from spikelane.figures.rewards import draw_rewards
     from spikelane.figures.scenarios import draw_scenarios
 
     caption = 'The course and its three scenarios'
     yield _Figure(
         'Task', 'scenarios', caption, lambda: draw_scenarios(folder / 'scenarios', 'The course')
     )
-    caption = 'Rewards over the distance from the lane centre'
-    yield _Figure('Task', 'rewards', caption, lambda: draw_rewards(folder / 'rewards', 'Rewards'))
+
+
+def _of_controllers(folder: Path) -> Iterator[_Figure]:
+    """Yield what is drawn of controllers themselves, whatever runs there are."""
+    for name, found in cards().items():
+        if found.figures:
+            for figure in hook(name, found.figures)():
+                yield _drawn_by(figure, folder / figure.name, '', title(name))
+
+
+def _drawn_by(figure: Figure, path: Path, words: str, name: str) -> _Figure:
+    """Return a controller's figure as one of the report's.
+
+    Args:
+        figure: The controller's.
+        path: Of its files, without ending.
+        words: Behind the caption, '' for none.
+        name: Title in the figure.
+    """
+    caption = f'{figure.caption}, {words}' if words else figure.caption
+    return _Figure(figure.heading, path.name, caption, lambda: figure.draw(path, name))
 
 
 def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
@@ -182,84 +194,17 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
     yield _Figure('Task', 'state_input', f'State input, half way: {words}', draw_state)
 
 
-def _of_trainings(trainings: Sequence[TrainingRun], folder: Path) -> Iterator[_Figure]:
-    from spikelane.figures.episodes import draw_episodes
-    from spikelane.figures.state_images import draw_state_images
-    from spikelane.figures.terminations import draw_terminations
-    from spikelane.figures.weights import draw_weights
-
-    for key, group in by_key(trainings).items():
-        run = median_run(group, _settled_by)
-        stem = f'{key.controller}_{file_name(key)}'
+def _of_results(
+    runs: Sequence[TrainingRun] | Sequence[TransferRun], folder: Path
+) -> Iterator[_Figure]:
+    """Yield what runs that learn have to show: of each group, the one in the middle."""
+    for key, group in by_key(runs).items():
+        run = median_run(group, lambda each: float(each.results.sort_key()))
+        kind = 'transfer' if isinstance(run, TransferRun) else key.controller
         words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
-        if key.controller == 'dqn':
-
-            def draw(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                lanes = tuple(course_of(run).lanes)
-                return draw_episodes(run, lanes, folder / f'{stem}_training', title_of(run))
-
-            def draw_states(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                states = read_states(run.folder)
-                if not len(states):
-                    raise SpikelaneError(f'{run.folder}: expected states met, got none')
-                return draw_state_images(states, folder / f'{stem}_states', title_of(run))
-
-            heading = 'DQN training'
-            yield _Figure(heading, f'{stem}_training', f'Episodes and rewards, {words}', draw)
-            yield _Figure(heading, f'{stem}_states', f'States met, {words}', draw_states)
-        elif key.controller == 'rstdp':
-
-            def draw_learnt(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                file = folder / f'{stem}_weights'
-                return draw_weights(_learnt(run), _encoding(run), file, title_of(run))
-
-            def draw_ends(run: TrainingRun = run, stem: str = stem) -> tuple[Path, ...]:
-                file = folder / f'{stem}_terminations'
-                return draw_terminations(run, course_of(run), file, title_of(run))
-
-            heading = 'R-STDP training'
-            yield _Figure(heading, f'{stem}_weights', f'Learnt weights, {words}', draw_learnt)
-            yield _Figure(heading, f'{stem}_terminations', f'Terminations, {words}', draw_ends)
-
-
-def _braitenberg(folder: Path) -> Iterator[_Figure]:
-    from spikelane.figures.weights import draw_fixed_weights
-    from spikelane_controllers.braitenberg import braitenberg_weights, BraitenbergParameters
-
-    def draw() -> tuple[Path, ...]:
-        weights_pa = braitenberg_weights(BraitenbergParameters())
-        file = folder / 'braitenberg_weights'
-        return draw_fixed_weights(weights_pa, EncodingParameters(), file, 'Braitenberg weights')
-
-    caption = (
-        'Weights of the Braitenberg controller, of which by default only those of the lowest row '
-        'have an effect'
-    )
-    yield _Figure('Braitenberg controller', 'braitenberg_weights', caption, draw)
-
-
-def _of_transfers(transfers: Sequence[TransferRun], folder: Path) -> Iterator[_Figure]:
-    """Yield how the network learnt, and how its rates approach the activations."""
-    from spikelane.figures.transfer import draw_accuracy, draw_rates
-
-    for key, group in by_key(transfers).items():
-        run = median_run(group, lambda each: float(each.metrics['accuracy']))
-        stem = f'transfer_{file_name(key)}'
-        words = f'{key.words}: seed {run.seed}, the median of {len(group)}'
-
-        def draw_curve(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
-            paper = paper_value('dqn_snn', run.scenario, 'accuracy')
-            return draw_accuracy(
-                run.curve, folder / f'{stem}_accuracy', title_of(run), paper and paper.value
-            )
-
-        def draw_convergence(run: TransferRun = run, stem: str = stem) -> tuple[Path, ...]:
-            return draw_rates(run.rates, folder / f'{stem}_rates', title_of(run))
-
-        caption = f'Accuracy over the training of the network, {words}'
-        yield _Figure('Transfer', f'{stem}_accuracy', caption, draw_curve)
-        caption = f'Firing rates against activations over the simulated time, {words}'
-        yield _Figure('Transfer', f'{stem}_rates', caption, draw_convergence)
+        for figure in run.results.figures():
+            path = folder / f'{kind}_{file_name(key)}_{figure.name}'
+            yield _drawn_by(figure, path, words, title_of(run))
 
 
 def _compared(
@@ -310,11 +255,6 @@ def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
     )
 
 
-def _settled_by(run: TrainingRun) -> float:
-    """Return the last lane loss; of trainings that have not settled it is later than of others."""
-    return float(run.last_lane_loss_step) if run.has_settled else math.inf
-
-
 def first_lap_of(lap: Lap) -> Trajectory:
     """Return the first lap of a drive, or all of it where there is none."""
     from spikelane.report.again import first_lap
@@ -325,16 +265,21 @@ def first_lap_of(lap: Lap) -> Trajectory:
 def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
     from spikelane.figures.training_time import draw_training_time, TrainingTimes
 
+    groups = by_key(trainings)
+    names = list(dict.fromkeys(key.controller for key in groups))
+    stable = {key.controller: group[0].results.stable_words for key, group in groups.items()}
+
     def draw() -> tuple[Path, ...]:
-        groups = {
+        times = {
             bar_label(key): TrainingTimes(
-                [first_lap(run) for run in group],
-                [stable(run) for run in group],
-                style.RIGHT if key.controller == 'rstdp' else style.LEFT,
+                [run.results.first_lap() for run in group],
+                [run.results.stable() for run in group],
+                style.SERIES[names.index(key.controller) % len(style.SERIES)],
             )
-            for key, group in by_key(trainings).items()
+            for key, group in groups.items()
         }
-        return draw_training_time(groups, folder / 'training_time', 'Training time')
+        words = '; '.join(f'{title(name)}: {each}' for name, each in stable.items())
+        return draw_training_time(times, folder / 'training_time', 'Training time', words)
 
     caption = (
         'Training time: simulated steps to the first lap and to stable driving, Kaplan-Meier '
@@ -343,27 +288,5 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
     return _Figure('Training time', 'training_time', caption, draw)
 
 
-def _learnt(run: TrainingRun) -> PlasticPast:
-    """Return a training of R-STDP with the weights in its checkpoint."""
-    arrays = read_checkpoint(run.folder, run.controller).arrays
-    return SimpleNamespace(
-        steps=run.steps,
-        terminations=run.terminations,
-        weights_pa=arrays[WEIGHTS],
-        weight_history=list(arrays['training.weight_history']),
-        # A checkpoint's own configuration has it without the training's length.
-        save_every=run.config.get('training', run.config)['save_every'],
-    )
-
-
 def _trajectory(lap: Lap) -> Trajectory:
     return read_csv(lap.folder / 'trajectory.csv')
-
-
-def _encoding(run: TrainingRun) -> EncodingParameters:
-    values = {
-        name.removeprefix('encoding.'): value
-        for name, value in run.config[run.controller].items()
-        if name.startswith('encoding.')
-    }
-    return EncodingParameters.from_mapping(values, 'encoding')

@@ -6,9 +6,7 @@ from collections.abc import Iterable, Sequence
 import re
 from typing import Any, NamedTuple, TypeVar
 
-#: Order of the controllers, the paper's.
-ORDER = ('dqn', 'dqn_snn', 'braitenberg', 'rstdp')
-_NAMES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN', 'braitenberg': 'Braitenberg', 'rstdp': 'R-STDP'}
+from spikelane_controllers.registry import position, title
 
 #: The lane on which the paper compares controllers.
 PAPER_LANE = 'outer'
@@ -41,20 +39,14 @@ class Key(NamedTuple):
     def words(self) -> str:
         """All of it in words."""
         setting = f' ({self.setting})' if self.setting else ''
-        return f'{shown_name(self.controller)}, scenario {self.scenario}{setting}'
+        return f'{title(self.controller)}, scenario {self.scenario}{setting}'
 
 
-def shown_name(controller: str) -> str:
-    """Return how the paper writes a controller's name, or the name where it has no such one."""
-    return _NAMES.get(controller, controller)
-
-
-def _place(key: Key) -> tuple[str, int, str, list[tuple[float, str]]]:
+def _place(key: Key) -> tuple[str, tuple[int, str], list[tuple[float, str]]]:
     """Return what groups are sorted by; numbers in a setting by their value."""
-    known = ORDER.index(key.controller) if key.controller in ORDER else len(ORDER)
     parts = re.split(r'(\d+(?:\.\d+)?)', key.setting)
     setting = [(float(part), '') if part[:1].isdigit() else (-1.0, part) for part in parts]
-    return key.scenario, known, key.controller, setting
+    return key.scenario, position(key.controller), setting
 
 
 R = TypeVar('R', bound=Any)

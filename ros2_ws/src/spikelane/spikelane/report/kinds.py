@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypedDict
 
-from spikelane_controllers.convergence import RateError
 from spikelane_controllers.operations import Operations
 from spikelane_sim.kinds import check_kind, Scalar
 
@@ -76,16 +75,6 @@ class EvaluationMetrics(TypedDict):
     """Of an evaluation; its laps have files of their own."""
 
     laps: list[_Course]
-
-
-class TransferMetrics(TypedDict):
-    """Of a transfer."""
-
-    accuracy: float
-    training_accuracy: float
-    states: int
-    maximum: int
-    rates: dict[str, list[RateError]]
 
 
 class _Listed(TypedDict):

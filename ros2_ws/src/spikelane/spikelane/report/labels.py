@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
-from spikelane.report.groups import Key, shown_name
+from spikelane.report.groups import Key
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
+from spikelane_controllers.registry import title
 
 #: Letters that there is room for beside a bar.
 _BAR_LETTERS = 44
@@ -13,7 +14,7 @@ _BAR_LETTERS = 44
 
 def title_of(run: Lap | TrainingRun | TransferRun) -> str:
     """Return what a figure of a run is called."""
-    return f'{shown_name(run.controller)}, scenario {run.scenario}, seed {run.seed}'
+    return f'{title(run.controller)}, scenario {run.scenario}, seed {run.seed}'
 
 
 def words_of(lap: Lap) -> str:
@@ -23,13 +24,13 @@ def words_of(lap: Lap) -> str:
 
 def label_of(lap: Lap) -> str:
     """Return what drove, and how, where the scenario is known."""
-    name = shown_name(lap.controller)
+    name = title(lap.controller)
     return f'{name} ({lap.setting})' if lap.setting else name
 
 
 def bar_label(key: Key) -> str:
     """Return a group in lines that fit beside its bar in a figure."""
-    name = f'{shown_name(key.controller)}, scenario {key.scenario}'
+    name = f'{title(key.controller)}, scenario {key.scenario}'
     return '\n'.join([name, *textwrap.wrap(key.setting, _BAR_LETTERS)])
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from spikelane.report.groups import by_key, Key, seeds_in_words, shown_name, Table
+from spikelane.report.groups import by_key, Key, seeds_in_words, Table
 from spikelane.report.quantities import COUNT, METRES, NOTHING, SIGNED_METRES
 from spikelane.report.runs import Lap
 from spikelane.statistics import effective_units, share_statistics, unit_means
 from spikelane.summary import laps_by_unit, unit_of, UNITS
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
+from spikelane_controllers.registry import title
 from spikelane_sim.contract import STEP_S
 
 #: Laps of a group by their unit, each with its course, lane, seed and metrics.
@@ -60,7 +61,7 @@ def _row_of_success(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     unit, units = units_of(laps)
     whole = sum(all(lap['completed'] for lap in each) for each in units.values())
     return (
-        shown_name(key.controller),
+        title(key.controller),
         key.scenario,
         key.setting or "the paper's",
         unit,
@@ -110,7 +111,7 @@ def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
         return [lap[name] for _, lap in done]
 
     return (
-        shown_name(key.controller),
+        title(key.controller),
         key.scenario,
         key.setting or "the paper's",
         lane,
@@ -158,7 +159,7 @@ def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
         )
 
     return (
-        shown_name(key.controller),
+        title(key.controller),
         key.scenario,
         key.setting or "the paper's",
         f'{found["decisions_per_s"]:.3g}',

@@ -11,32 +11,30 @@ from spikelane.report.comparisons import (
     Place,
     representative_laps,
 )
-from spikelane.report.groups import ORDER, PAPER_LANE, shown_name
-from spikelane.report.paper import PAPER_SCENARIOS
+from spikelane.report.groups import PAPER_LANE
 from spikelane.report.runs import Lap, LeftOut, RANDOM_COURSES, Runs
+from spikelane_controllers.registry import cards, title
 
 
 def missing(runs: Runs) -> Iterator[LeftOut]:
     """Name the paper's figures that no run was there for."""
     trained = {(run.controller, run.scenario) for run in runs.trainings}
     driven = {(lap.controller, lap.scenario) for lap in runs.laps if lap.lane == PAPER_LANE}
-    for scenario in PAPER_SCENARIOS:
-        for controller in ('dqn', 'rstdp'):
-            if (controller, scenario) not in trained:
-                what = f'{shown_name(controller)} training, scenario {scenario}'
-                yield LeftOut(what, 'no run among these')
-    for scenario, controllers in (
-        ('1', ORDER),
-        ('2', ('dqn', 'dqn_snn', 'rstdp')),
-        ('3', ('rstdp',)),
-    ):
-        for controller in controllers:
-            if (controller, scenario) not in driven:
-                what = f'{shown_name(controller)} lap, scenario {scenario}, {PAPER_LANE} lane'
-                yield LeftOut(what, 'no run among these')
-    for scenario in ('1', '2'):
-        if not any(run.scenario == scenario for run in runs.transfers):
-            yield LeftOut(f'Transfer to DQN-SNN, scenario {scenario}', 'no run among these')
+    trained |= {(run.controller, run.scenario) for run in runs.transfers}
+    shown = sorted(
+        ((name, each, each.paper) for name, each in cards().items() if each.paper),
+        key=lambda each: each[2].order,
+    )
+    for name, each, paper in shown:
+        what = 'Transfer to {}' if each.transfer else '{} training'
+        for scenario in paper.learnt:
+            if (name, scenario) not in trained:
+                words = f'{what.format(title(name))}, scenario {scenario}'
+                yield LeftOut(words, 'no run among these')
+        for scenario in paper.laps:
+            if (name, scenario) not in driven:
+                words = f'{title(name)} lap, scenario {scenario}, {PAPER_LANE} lane'
+                yield LeftOut(words, 'no run among these')
     if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
         why = 'counted of laps driven in one process, of which none is among these'
         yield LeftOut('Operations for a decision', why)

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from spikelane.dqn_results import first_solved
-from spikelane.settling import has_settled, last_lane_loss_step
-from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.convergence import RateError
-from spikelane_controllers.dqn_training import Outcome
-from spikelane_controllers.state import records
-from spikelane_controllers.training import Termination
-from spikelane_controllers.transfer import Measured
+from spikelane_controllers.learning.results import Results, TrainingResults
 from spikelane_sim.course import Course, load_course, scenario_course
 
 #: Stands for the scenario of laps on one of many random courses.
@@ -27,9 +20,9 @@ class Run:
 
     Attributes:
         controller: Name in the controllers' registry.
-        scenario: '1' to '3' of the paper, or a course file's name; RANDOM_COURSES of laps of an
+        scenario: Of the paper, '1' to '3', or a course file's name; RANDOM_COURSES of laps of an
             evaluation on many of them.
-        seed: Seed of the run.
+        seed: Of the run.
         setting: How its parameters differ from the paper's, in words, or what that is named;
             '' where they do not.
         folder: Where it is.
@@ -68,55 +61,21 @@ class TrainingRun(Run):
     """A training.
 
     Attributes:
-        steps: Driven, as the controller's training counts them.
-        terminations: Terminations of its episodes.
-        outcomes: Outcomes of its episodes; for a deep Q-network alone.
+        results: What it has to show.
     """
 
-    steps: int
-    terminations: Sequence[Termination]
-    outcomes: Sequence[Outcome]
-
-    @property
-    def last_lane_loss_step(self) -> int:
-        """Step of the last episode that ended with the lane lost, 0 where none did."""
-        return last_lane_loss_step(self.terminations)
-
-    @property
-    def has_settled(self) -> bool:
-        """Whether every lane was lapped, or driven to the step limit, after that."""
-        return has_settled(self.terminations)
-
-    @property
-    def solved_episode(self) -> int | None:
-        """Number of the first of three episodes in a row, on both lanes, of full length."""
-        index = first_solved(list(self.terminations))
-        return None if index is None else index + 1
-
-    @property
-    def solved_step(self) -> int | None:
-        """Step by which these three episodes have ended, as the controller's training counts."""
-        first = self.solved_episode
-        return None if first is None else self.terminations[first + 1].step
+    results: TrainingResults
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class TransferRun(Run):
-    """The transfer of a policy to a spiking network."""
+    """A transfer of what one controller has learnt to another one.
 
-    @property
-    def curve(self) -> list[Measured]:
-        """Accuracy over the training."""
-        facts = read_checkpoint(self.folder, self.controller).facts
-        return records(facts, 'curve', Measured)
+    Attributes:
+        results: What it has to show.
+    """
 
-    @property
-    def rates(self) -> dict[str, list[RateError]]:
-        """Differences of rates from activations, by how neurons are reset."""
-        return {
-            name: [RateError(**each) for each in errors]
-            for name, errors in self.metrics['rates'].items()
-        }
+    results: Results
 
 
 class Conditions(NamedTuple):
@@ -138,7 +97,7 @@ class NamedSetting(NamedTuple):
 
     Attributes:
         controller: Name in the controllers' registry.
-        kind: Kind of the runs that have it, in words.
+        kind: Of the runs that have it, in words.
         name: Theirs for it.
         words: How its parameters differ from the paper's.
     """
@@ -155,13 +114,13 @@ class Runs:
 
     Attributes:
         laps: Driven without learning.
-        trainings: Trainings of controllers that learn.
-        transfers: Transfers of policies.
-        conditions: Conditions of experiments that have them.
+        trainings: Of controllers that learn.
+        transfers: Of policies.
+        conditions: Of experiments that have them.
         left_out: What cannot be used.
         variants: What experiments call the settings of their runs, by the runs' folders.
         settings: What names stand for that runs have for a setting.
-        listed: For each experiment's folder: names of the folders of runs, by the runs'.
+        listed: Of experiments, by their folders: names of the folders of runs, by the runs'.
     """
 
     laps: list[Lap] = dataclasses.field(default_factory=list)
@@ -182,6 +141,6 @@ class Runs:
         return [*self.trainings, *self.transfers, *self.laps]
 
 
-def course_of(run: Lap | TrainingRun) -> Course:
+def course_of(run: Run) -> Course:
     """Return what was driven on."""
     return load_course(scenario_course(str(run.config['scenario'])))

@@ -9,13 +9,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.inputs import transferred_controller
 from spikelane.report.kinds import LearntFacts
 from spikelane.training import training_defaults
-from spikelane.transfer import GATHERING_DEFAULTS
+from spikelane.transfer import source_of
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.gathering import GatheringParameters
-from spikelane_controllers.registry import controller_class, controller_names
-from spikelane_controllers.transfer import TransferParameters
+from spikelane_controllers.registry import (
+    controller_class,
+    controller_names,
+    transfer_class,
+    transfer_names,
+)
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.kinds import check_kind
@@ -75,7 +79,7 @@ class _Weights(NamedTuple):
 def _weights_of(config: Mapping[str, Any]) -> _Weights | None:
     """Return what a run drove with, or a transfer began with, None for nothing learnt."""
     if 'transfer' in config:
-        return _Weights('dqn', str(config['checkpoint']))
+        return _Weights(source_of(transferred_controller(config)), str(config['checkpoint']))
     checkpoint = checkpoint_of(config)
     return _Weights(str(config.get('controller', '')), checkpoint) if checkpoint else None
 
@@ -111,7 +115,8 @@ def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | No
     variant, steps = _variant(config), facts.get('steps')
     if 'transfer' in config:
         steps = None
-        before = _learnt_with('dqn', str(config['checkpoint']), folder)
+        source = source_of(transferred_controller(config))
+        before = _learnt_with(source, str(config['checkpoint']), folder)
         if before is not None:
             variant, steps = {**dict(before.variant), **variant}, before.steps
     return _Learnt(scenario, tuple(variant.items()), steps)
@@ -146,7 +151,7 @@ def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
     """Return what is usual for a group in a training or a transfer, and not where laps are."""
     usual: Mapping[str, Any]
     if 'transfer' in config:
-        usual = GATHERING_DEFAULTS
+        usual = transfer_class(transferred_controller(config)).defaults
     elif 'training' in config or 'save_every' in config:  # a checkpoint's has its length aside
         usual = training_defaults(str(config['controller']))
     else:
@@ -162,11 +167,9 @@ def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
 @functools.lru_cache(maxsize=20)
 def _defaults(group: str) -> dict[str, Any] | None:
     """Return the defaults of a group of parameters as YAML gives them, None for no such group."""
-    others: dict[str, type[Parameters]] = {
-        'simulator': SimulatorParameters,
-        'gathering': GatheringParameters,
-        'transfer': TransferParameters,
-    }
+    others: dict[str, type[Parameters]] = {'simulator': SimulatorParameters}
+    for name in transfer_names():
+        others |= transfer_class(name).parameters_classes
     is_controller = group in controller_names()
     cls = controller_class(group).parameters_class if is_controller else others.get(group)
     if cls is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from spikelane.report.groups import by_key, Key, PAPER_LANE, seeds_in_words, shown_name, Table
+from spikelane.report.groups import by_key, Key, PAPER_LANE, seeds_in_words, Table
 from spikelane.report.lap_tables import lap_steps, lap_tables, units_of
 from spikelane.report.paper import paper_value
 from spikelane.report.quantities import (
@@ -19,31 +19,21 @@ from spikelane.report.quantities import (
 from spikelane.report.runs import Lap, NamedSetting, Runs, TrainingRun, TransferRun
 from spikelane.statistics import unit_means
 from spikelane.summary import UNITS
+from spikelane_controllers.registry import cards, title
 
-#: Simulated times that rates are told after: the paper's 10 ms for each step, and long.
-_RATE_TIMES_MS = (10, 1000)
+#: How the units of measures are written.
+QUANTITIES = {'count': COUNT, 'share': PERCENT, 'm': METRES, 'spikes/ms': RATE}
 
-
-class Measure(NamedTuple):
-    """What can be compared with the paper.
-
-    Attributes:
-        words: What it is.
-        quantity: How it is written.
-    """
-
-    words: str
-    quantity: Quantity
-
-
-MEASURES = {
-    'last_lane_loss_step': Measure('step of the last lane loss', COUNT),
-    'solved_episode': Measure('first of three full episodes in a row', COUNT),
-    'solved_step': Measure('action step at the end of these three', COUNT),
-    'accuracy': Measure("accuracy on the policy's states", PERCENT),
-    'mean_abs_distance_m': Measure(f'mean error, {PAPER_LANE} lane', METRES),
-    'lap_steps': Measure(f'steps of a lap, {PAPER_LANE} lane', COUNT),
-}
+#: What is compared of laps: name in the metrics, words, unit and the value of a lap.
+LAP_MEASURES: tuple[tuple[str, str, str, Callable[[dict[str, Any]], float]], ...] = (
+    (
+        'mean_abs_distance_m',
+        f'mean error, {PAPER_LANE} lane',
+        'm',
+        lambda lap: float(lap['mean_abs_distance_m']),
+    ),
+    ('lap_steps', f'steps of a lap, {PAPER_LANE} lane', 'count', lap_steps),
+)
 
 
 def all_tables(runs: Runs) -> list[Table]:
@@ -62,10 +52,11 @@ def all_tables(runs: Runs) -> list[Table]:
 
 
 def _against_paper(runs: Runs) -> Table:
-    rows = []
-    for measure, of_kind in _values(runs).items():
-        for key, values in of_kind.items():
-            rows.append(_row_against_paper(measure, key, values))
+    rows = [
+        _row_against_paper(name, key, values)
+        for name, of_kind in _values(runs).items()
+        for key, values in of_kind.items()
+    ]
     return Table(
         "Results against the paper's",
         'Over independent units, which are trainings where several were driven: mean ± standard '
@@ -93,6 +84,8 @@ def _against_paper(runs: Runs) -> Table:
 class _Values(NamedTuple):
     """What was measured of a group, a value of each unit."""
 
+    words: str
+    quantity: Quantity
     values: Sequence[float]
     reached: Sequence[bool] | None  # of times: whether the value is one, or it was later
     n: int  # units
@@ -101,70 +94,54 @@ class _Values(NamedTuple):
 
 
 def _values(runs: Runs) -> dict[str, dict[Key, _Values]]:
-    """Return what was measured, by measure and group."""
+    """Return what was measured, by name and group."""
+    found: dict[str, dict[Key, _Values]] = {}
     laps = by_key(lap for lap in runs.laps if lap.lane == PAPER_LANE)
-    trainings, transfers = by_key(runs.trainings), by_key(runs.transfers)
-    plastic = {key: each for key, each in trainings.items() if key.controller == 'rstdp'}
-    deep = {key: each for key, each in trainings.items() if key.controller == 'dqn'}
-    return {
-        'mean_abs_distance_m': {
-            key: _of_laps(each, lambda lap: float(lap['mean_abs_distance_m']))
-            for key, each in laps.items()
-        },
-        'lap_steps': {key: _of_laps(each, lap_steps) for key, each in laps.items()},
-        'last_lane_loss_step': {
-            key: _of_times(each, lambda run: (run.last_lane_loss_step, run.has_settled))
-            for key, each in plastic.items()
-        },
-        'solved_episode': {
-            key: _of_times(each, lambda run: _or(run.solved_episode, len(run.terminations)))
-            for key, each in deep.items()
-        },
-        'solved_step': {
-            key: _of_times(each, lambda run: _or(run.solved_step, run.steps))
-            for key, each in deep.items()
-        },
-        'accuracy': {
-            key: _Values(
-                [float(run.metrics['accuracy']) for run in each],
-                None,
-                len(each),
-                'training',
-                [run.seed for run in each],
-            )
-            for key, each in transfers.items()
-        },
-    }
+    for name, words, unit, value in LAP_MEASURES:
+        quantity = QUANTITIES[unit]
+        found[name] = {key: _of_laps(each, words, quantity, value) for key, each in laps.items()}
+    learnt: list[TrainingRun | TransferRun] = [*runs.trainings, *runs.transfers]
+    for key, group in by_key(learnt).items():
+        for measures in zip(*(run.results.measures() for run in group), strict=True):
+            first = measures[0]
+            is_time = first.reached is not None
+            if is_time or _is_in_paper(key.controller, first.name):
+                found.setdefault(first.name, {})[key] = _Values(
+                    first.words,
+                    QUANTITIES[first.unit],
+                    [each.value for each in measures],
+                    [bool(each.reached) for each in measures] if is_time else None,
+                    len(group),
+                    'training',
+                    [run.seed for run in group],
+                )
+    return found
 
 
-def _of_laps(laps: Sequence[Lap], value: Callable[[dict[str, Any]], float]) -> _Values:
+def _is_in_paper(controller: str, measure: str) -> bool:
+    found = cards().get(controller)
+    values = found.paper.values if found and found.paper else ()
+    return any(each.measure == measure for each in values)
+
+
+def _of_laps(
+    laps: Sequence[Lap], words: str, quantity: Quantity, value: Callable[[dict[str, Any]], float]
+) -> _Values:
     """Return the mean of each unit's completed laps."""
     unit, units = units_of(laps)
     done = [(name, lap) for name, each in units.items() for lap in each if lap['completed']]
     means = unit_means([value(lap) for _, lap in done], [name for name, _ in done])
-    return _Values(means, None, len(units), unit, [lap.seed for lap in laps])
-
-
-def _of_times(
-    runs: Sequence[TrainingRun], time: Callable[[TrainingRun], tuple[float, bool]]
-) -> _Values:
-    """Return when each training reached something."""
-    times, reached = zip(*map(time, runs), strict=True)
-    return _Values(times, reached, len(runs), 'training', [run.seed for run in runs])
-
-
-def _or(time: float | None, end: float) -> tuple[float, bool]:
-    """Return a time and that it was reached, or when a training ended without it."""
-    return (end, False) if time is None else (time, True)
+    seeds = [lap.seed for lap in laps]
+    return _Values(words, quantity, means, None, len(units), unit, seeds)
 
 
 def _row_against_paper(measure: str, key: Key, found: _Values) -> tuple[str, ...]:
-    words, quantity = MEASURES[measure]
     paper = paper_value(key.controller, key.scenario, measure)
     count = len(found.values) if found.reached is None else sum(found.reached)
+    quantity = found.quantity
     return (
-        words,
-        shown_name(key.controller),
+        found.words,
+        title(key.controller),
         key.scenario,
         key.setting or "the paper's",
         paper.words if paper else NOTHING,
@@ -179,7 +156,7 @@ def _row_against_paper(measure: str, key: Key, found: _Values) -> tuple[str, ...
 
 
 def _of_settings(settings: Sequence[NamedSetting]) -> Table:
-    rows = [(shown_name(each.controller), each.kind, each.name, each.words) for each in settings]
+    rows = [(title(each.controller), each.kind, each.name, each.words) for each in settings]
     return Table(
         'Settings',
         "What differs from the paper's parameters in the settings that have names.",
@@ -189,13 +166,15 @@ def _of_settings(settings: Sequence[NamedSetting]) -> Table:
 
 
 def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
-    rows = [_row_of_trainings(key, group) for key, group in by_key(trainings).items()]
+    groups = by_key(trainings)
+    rows = [_row_of_trainings(key, group) for key, group in groups.items()]
+    steps = {key.controller: group[0].results.step_words for key, group in groups.items()}
+    words = '; '.join(f'{title(name)}: {each}' for name, each in steps.items())
     return Table(
         'Trainings',
-        "Steps are of 50 ms with R-STDP, of one action (0.5 s) with DQN, as in the paper's "
-        'figures. Last lane loss: Kaplan-Meier median with range over all seeds, and its 95 % '
-        'interval (bootstrap, from six seeds on); settled: with a lap of each lane after it. The '
-        'last lane loss of one that has not settled is censored ("over").',
+        f'What a step is: {words}. Last lane loss: Kaplan-Meier median with range over all '
+        'seeds, and its 95 % interval (bootstrap, from six seeds on); settled: with a lap of each '
+        'lane after it. The last lane loss of one that has not settled is censored ("over").',
         ('controller', 'scenario', 'setting', 'steps', 'episodes', 'last lane loss')
         + ('median, 95 %', 'settled', 'seeds'),
         rows,
@@ -203,14 +182,15 @@ def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
 
 
 def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
-    losses = [run.last_lane_loss_step for run in runs]
-    settled = [run.has_settled for run in runs]
+    results = [run.results for run in runs]
+    losses = [each.last_lane_loss_step for each in results]
+    settled = [each.has_settled for each in results]
     return (
-        shown_name(key.controller),
+        title(key.controller),
         key.scenario,
         key.setting or "the paper's",
-        COUNT.median([run.steps for run in runs]),
-        COUNT.median([len(run.terminations) for run in runs]),
+        COUNT.median([each.steps for each in results]),
+        COUNT.median([len(each.terminations) for each in results]),
         COUNT.median(losses, settled),
         COUNT.median_interval(losses, settled),
         f'{sum(settled)} of {len(runs)}',
@@ -219,41 +199,38 @@ def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
 
 
 def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
-    rows = [_row_of_transfers(key, group) for key, group in by_key(transfers).items()]
-    short, long = (f'{milliseconds:,} ms' for milliseconds in _RATE_TIMES_MS)
+    groups = by_key(transfers)
+    words: dict[str, None] = {}
+    cells: list[tuple[Key, Sequence[TransferRun], dict[str, str]]] = []
+    for key, group in groups.items():
+        shown = _measured(group)
+        words |= dict.fromkeys(shown)
+        cells.append((key, group, shown))
+    notes = dict.fromkeys(group[0].results.note for group in groups.values())
     return Table(
         'Transfers',
-        'Accuracy: share of states with the action of the Q-network. Agreement: share of states '
-        'with most output spikes for the action of the network with activations, after that '
-        'simulated time from rest, potentials reset to 0. Difference: between rates and '
-        'activations of the output neurons, root mean square.',
-        ('scenario', 'setting', 'states', 'accuracy: held out, mean ± s (95 %)', 'median (range)')
-        + ('accuracy: trained with', f'agreement after {short}', f'after {long}')
-        + (f'difference after {short} [spikes/ms]', f'after {long} [spikes/ms]', 'seeds'),
-        rows,
+        f'Medians of counts; otherwise mean ± s (95 %). {" ".join(notes)}',
+        ('controller', 'scenario', 'setting', *words, 'seeds'),
+        [
+            (
+                title(key.controller),
+                key.scenario,
+                key.setting or "the paper's",
+                *(shown.get(each, NOTHING) for each in words),
+                seeds_in_words([run.seed for run in group]),
+            )
+            for key, group, shown in cells
+        ],
     )
 
 
-def _row_of_transfers(key: Key, runs: Sequence[TransferRun]) -> tuple[str, ...]:
-    held_out = [float(run.metrics['accuracy']) for run in runs]
-    rates = [
-        quantity.mean([value for run in runs if (value := _rate(run, name, time_ms)) is not None])
-        for name, quantity in (('agreement', PERCENT), ('output', RATE))
-        for time_ms in _RATE_TIMES_MS
-    ]
-    return (
-        key.scenario,
-        key.setting or "the paper's",
-        COUNT.median([run.metrics['states'] for run in runs]),
-        PERCENT.mean(held_out),
-        PERCENT.median(held_out),
-        PERCENT.mean([float(run.metrics['training_accuracy']) for run in runs]),
-        *rates,
-        seeds_in_words([run.seed for run in runs]),
-    )
-
-
-def _rate(run: TransferRun, name: str, time_ms: int) -> float | None:
-    """Return what was measured after some simulated time, None where it was not."""
-    errors = run.metrics.get('rates', {}).get('reset to 0', ())
-    return next((each[name] for each in errors if each['simulated_ms'] == time_ms), None)
+def _measured(group: Sequence[TransferRun]) -> dict[str, str]:
+    """Return what was measured of a group as it is written, by the words for it."""
+    values: dict[tuple[str, str], list[float]] = {}
+    for run in group:
+        for each in run.results.measures():
+            values.setdefault((each.words, each.unit), []).append(each.value)
+    return {
+        words: COUNT.median(found) if unit == 'count' else QUANTITIES[unit].mean(found)
+        for (words, unit), found in values.items()
+    }

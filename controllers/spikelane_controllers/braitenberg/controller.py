@@ -1,0 +1,189 @@
+"""The Braitenberg controller: two neurons whose weights are set by hand (paper section 5.3).
+
+The left half of the image excites the left motor neuron, the right half the right one, the more
+the closer a marking is to the bottom's centre, so the robot turns away from markings.
+
+By default only the lowest row of cells excites the neurons, as in the authors' program: with it
+the laps are like the paper's (see the deviations in the docs).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.operations import Operations
+from spikelane_controllers.shown import Shown
+from spikelane_controllers.spiking.network import (
+    DelayParameters,
+    neuron_constants,
+    NeuronParameters,
+    resting_state,
+    run_network,
+    spike_counts,
+)
+from spikelane_controllers.spiking.poisson import (
+    check_spikes,
+    firing_rates,
+    poisson_spikes,
+    PoissonParameters,
+)
+from spikelane_controllers.spiking.steering import (
+    initial_steering,
+    steer,
+    SteeringParameters,
+)
+from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.encoding import count_events, EncodingParameters
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import nested, parameter, Parameters
+
+_FIGURE = 'figure "Scenario 1: Braitenberg network weights"'
+
+# fmt: off
+_LEFT_WEIGHTS_PA = (
+    250.0,  250.0,  250.0,  500.0,
+    250.0,  250.0,  500.0,  1000.0,
+    250.0,  500.0,  1000.0, 1500.0,
+    500.0,  1000.0, 1500.0, 2000.0,
+)
+# fmt: on
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BraitenbergPoisson(PoissonParameters):
+    """Rates of the Braitenberg network's inputs, higher than in the paper's R-STDP table."""
+
+    max_rate_hz: float = parameter(500.0, 'Largest rate.', unit='Hz', low=0.0, high=1e4)
+    max_events: int = parameter(
+        10, 'Events in a step that make the largest rate.', low=1, high=1_000_000
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BraitenbergDelays(DelayParameters):
+    """Delays of the Braitenberg network, whose inputs reach the neurons without a relay."""
+
+    to_relay_ms: float = parameter(
+        0.0,
+        'From an input to its relay; 0 where there is no relay.',
+        unit='ms',
+        low=0.0,
+        high=1000.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BraitenbergSteering(SteeringParameters):
+    """Steering of the Braitenberg controller: full activity is what the neurons can do."""
+
+    n_max: int = parameter(
+        25, 'Spikes in a step at full activity.', low=1, high=10_000, source='equation of n_max'
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BraitenbergParameters(Parameters):
+    """The Braitenberg controller."""
+
+    weights_pa: tuple[float, ...] = parameter(
+        _LEFT_WEIGHTS_PA,
+        "Weights from the image's left half to the left neuron, by rows; the right is its mirror.",
+        unit='pA',
+        low=-1e6,
+        high=1e6,
+        source=_FIGURE,
+    )
+    lowest_rows: int = parameter(
+        1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1, high=2048
+    )
+    encoding: EncodingParameters = nested(EncodingParameters)
+    poisson: BraitenbergPoisson = nested(BraitenbergPoisson)
+    neuron: NeuronParameters = nested(NeuronParameters)
+    delays: BraitenbergDelays = nested(BraitenbergDelays)
+    steering: BraitenbergSteering = nested(BraitenbergSteering)
+
+    def _check_relations(self) -> None:
+        check_spikes(self.poisson, self.encoding)
+        rows, columns = self.encoding.rows, self.encoding.columns
+        if columns % 2:
+            raise ParameterError(
+                f'encoding.cell: expected an even number of columns, got {columns}'
+            )
+        if len(self.weights_pa) != rows * columns // 2:
+            raise ParameterError(
+                f'weights_pa: expected {rows} x {columns // 2} weights, got {len(self.weights_pa)}'
+            )
+        if self.lowest_rows > rows:
+            raise ParameterError(
+                f'lowest_rows: expected at most the {rows} rows of cells, got {self.lowest_rows}'
+            )
+
+
+def braitenberg_weights(parameters: BraitenbergParameters) -> NDArray[np.float64]:
+    """Return the weights [pA] to the left and the right neuron, (2, rows * columns).
+
+    They include those of rows above the lowest ones, which have no effect.
+    """
+    rows, columns = parameters.encoding.rows, parameters.encoding.columns
+    half = np.reshape(parameters.weights_pa, (rows, columns // 2))
+    none = np.zeros_like(half)
+    left = np.hstack([half, none])
+    return np.stack([left.ravel(), left[:, ::-1].ravel()])
+
+
+class Braitenberg:
+    """Controller of two neurons with static weights; see `contract.Controller`.
+
+    Attributes:
+        neurons: Names of the neurons.
+        spikes: How often each of them fired in the last step.
+        operations: Operations of the last step.
+        weights_pa: Weights [pA], (2, n_inputs).
+    """
+
+    parameters_class: ClassVar[type[BraitenbergParameters]] = BraitenbergParameters
+    neurons: ClassVar[tuple[str, ...]] = ('left', 'right')
+
+    def __init__(self, parameters: BraitenbergParameters | None = None) -> None:
+        self.parameters = parameters or BraitenbergParameters()
+        self.weights_pa = braitenberg_weights(self.parameters)
+        self._constants = neuron_constants(self.parameters.neuron)
+        self._delay = self.parameters.delays.steps
+        self.reset(np.random.default_rng(0))
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: neurons at rest, no spikes on their way, straight on, slowly."""
+        self._rng = rng
+        self._network = resting_state(len(self.neurons))
+        self._steering = initial_steering(self.parameters.steering)
+        self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
+
+    @property
+    def shown(self) -> Shown:
+        """What is shown of the last step."""
+        return Shown(
+            neurons=self.neurons,
+            spikes=self.spikes,
+            operations=self.operations,
+            weights_pa=self.weights_pa,
+        )
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation: its events drive the network for one step."""
+        counts = count_events(observation.events, self.parameters.encoding)
+        counts[: -self.parameters.lowest_rows] = 0
+        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
+        self._network, fired = run_network(
+            self._network, inputs, self.weights_pa, self._constants, self._delay
+        )
+        self.spikes = spike_counts(fired, len(self.neurons))
+        # An input excites the neuron of its side alone.
+        self.operations = Operations(decisions=1, synaptic=len(inputs))
+        left, right = self.spikes
+        self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
+        return wheels

@@ -1,0 +1,1 @@
+"""The deep Q-network controller (paper section 3)."""

@@ -1,0 +1,225 @@
+"""The deep Q-network controller: events of ten steps to one of three actions (section 3).
+
+At an episode's first observation and then every `task.steps_per_action` steps the counts of the
+last steps' events, taken as binary, are the state; an action is chosen and its wheel velocities
+are held. While it learns it also explores: see `q_learning.py` for the recipe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any, ClassVar, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.dqn.learnt_network import (
+    Q_NETWORK,
+    read_network,
+    TARGET_NETWORK,
+)
+from spikelane_controllers.dqn.parameters import DqnParameters
+from spikelane_controllers.dqn.pytorch import require_pytorch
+from spikelane_controllers.dqn.q_network import (
+    decision_operations,
+    greedy_action,
+    initial_network,
+    QNetwork,
+)
+from spikelane_controllers.operations import Operations
+from spikelane_controllers.shown import Shown
+from spikelane_controllers.state import (
+    array,
+    check_names,
+    gather,
+    gather_generator,
+    number,
+    spread,
+    spread_generator,
+    State,
+)
+from spikelane_sim.contract import LaneState, Observation, TERMINATED_LANE_LOST, WheelVelocities
+from spikelane_sim.encoding import Counts, StateImage
+from spikelane_sim.errors import CheckpointError
+from spikelane_sim.task import action_wheels, ACTIONS, lane_centre_reward
+
+if TYPE_CHECKING:
+    from spikelane_controllers.dqn.q_learning import QLearning
+
+
+class Dqn:
+    """Controller that acts by a Q-network; see `contract.Controller`.
+
+    It is made with the weights of its checkpoint; where it has none, they are drawn from seed 0,
+    and `initialise` draws others. `restore` continues from a state.
+
+    Attributes:
+        learning: Whether it explores and learns.
+        action: Held at present, an index of `task.ACTIONS`.
+        reward: Reward of the last action that ended, NaN where none has or the distance is not
+            known.
+        actions: Actions that have ended since the weights were initialised.
+        operations: Operations of the last step: none while an action is held.
+        counts: Events that the last state was made of, (rows, columns).
+    """
+
+    parameters_class: ClassVar[type[DqnParameters]] = DqnParameters
+
+    def __init__(self, parameters: DqnParameters | None = None) -> None:
+        """Make a controller.
+
+        Raises:
+            SpikelaneError: Its weights cannot be read, are not of such a network, or the device
+                is not there.
+        """
+        self.parameters = parameters or DqnParameters()
+        self.learning = self.parameters.learning
+        self._image = StateImage(self.parameters.image)
+        self._trained = self._trained_network()
+        self.initialise(np.random.default_rng(0))
+        self.reset(np.random.default_rng(0))
+
+    @property
+    def network(self) -> QNetwork:
+        """The network that acts; not to be written to."""
+        return self._network if self._learner is None else self._learner.network
+
+    @property
+    def learner(self) -> QLearning:
+        """What learns; only while `learning`."""
+        assert self._learner is not None
+        return self._learner
+
+    def initialise(self, rng: np.random.Generator) -> None:
+        """Forget all: the checkpoint's weights or drawn from rng, no transitions."""
+        n_inputs = self.parameters.image.rows * self.parameters.image.columns
+        self._network = self._trained or initial_network(
+            rng, n_inputs, len(ACTIONS), self.parameters.network
+        )
+        self._learner = self._make_learner() if self.learning else None
+        self.actions = 0
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: a state of zeros; what was learnt lives on."""
+        self._rng = rng
+        self._image.clear()
+        self.counts: Counts = self._image.counts
+        self._state: NDArray[np.uint8] = self._image.binary.ravel()
+        self.operations = Operations()
+        self._held = -1  # steps since the action was chosen, -1 before the first
+        self.action = ACTIONS.index('straight')
+        self.reward = math.nan
+
+    @property
+    def shown(self) -> Shown:
+        """What is shown of the last step."""
+        return Shown(
+            action=self.action,
+            reward=self.reward,
+            operations=self.operations,
+        )
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation; the action that ends with it is learnt from."""
+        lane = observation.lane
+        is_over = lane is not None and lane.terminated
+        self._held += 1
+        self.operations = Operations()
+        if self._held:  # an episode's first observation is before anything was done
+            self._image.add(observation.events)
+            if self._held == self.parameters.task.steps_per_action or is_over:
+                self._end_action(lane)
+        if not self._held and not is_over:
+            self.action = self._choose()
+            self.operations = decision_operations(self.network, self._state)
+        return action_wheels(self.action, self.parameters.task)
+
+    def state(self) -> State:
+        """Return all that the next steps depend on, as arrays and finite numbers.
+
+        `restore` takes it, also in another controller with the same parameters, and the steps
+        that follow are the same, bit for bit.
+        """
+        learner = self._learner
+        own = spread('network', self._network) if learner is None else learner.state()
+        return {
+            **own,
+            **spread_generator('rng', self._rng),
+            'image.frames': self._image.frames,
+            'held': self._held,
+            'action': self.action,
+            'actions': self.actions,
+            'state': np.packbits(self._state),
+            'learning': self.learning,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from a state.
+
+        Raises:
+            CheckpointError: It is not one of this controller with these parameters.
+        """
+        like = self.state()
+        check_names(state, like)
+        frames = array(state, 'image.frames', np.dtype(np.int64), like['image.frames'].shape)
+        packed = array(state, 'state', np.dtype(np.uint8), like['state'].shape)
+        rng = gather_generator('rng', state)
+        held, actions = number(state, 'held', int), number(state, 'actions', int)
+        action = number(state, 'action', int)
+        if not 0 <= action < len(ACTIONS):
+            raise CheckpointError(f'action: expected 0 to {len(ACTIONS) - 1}, got {action}')
+        if number(state, 'learning', bool) != self.learning:
+            raise CheckpointError(f'learning: expected {self.learning}, got {not self.learning}')
+        if self._learner is None:
+            self._network = gather('network', self._network, state)
+        else:
+            self._learner.restore(state)
+        self._rng, self._held, self.action, self.actions = rng, held, action, actions
+        self._image.frames = frames
+        self._state = np.unpackbits(packed, count=self._state.size)
+        self.counts = self._image.counts
+        self.reward = math.nan
+
+    def _choose(self) -> int:
+        if self._learner is None:
+            return greedy_action(self._network, self._state)
+        return self._learner.act(self._state, self._rng)
+
+    def _end_action(self, lane: LaneState | None) -> None:
+        """Observe what the action led to, and learn from it."""
+        before = self._state
+        self._held = 0
+        self.actions += 1
+        self.counts = self._image.counts
+        self._state = (self.counts > 0).astype(np.uint8).ravel()
+        self.reward = math.nan
+        if lane is None:
+            return
+        self.reward = lane_centre_reward(lane.distance_m, self.parameters.task.reward_sigma_m)
+        if self._learner is not None:
+            is_lost = lane.reason == TERMINATED_LANE_LOST
+            self._learner.learn(
+                before, self.action, self.reward, self._state, self._rng, is_final=is_lost
+            )
+
+    def _make_learner(self) -> QLearning:
+        require_pytorch()
+        # Here and not above: driving must not wait for torch.
+        from spikelane_controllers.dqn.q_learning import QLearning
+
+        return QLearning(self.parameters.q_learning, self._network)
+
+    def _trained_network(self) -> QNetwork | None:
+        name = self.parameters.checkpoint
+        if not name:
+            return None
+        image = self.parameters.image
+        like = initial_network(
+            np.random.default_rng(0),
+            image.rows * image.columns,
+            len(ACTIONS),
+            self.parameters.network,
+        )
+        parts = TARGET_NETWORK if self.parameters.averaged else Q_NETWORK
+        return read_network('dqn', name, like, parts)

@@ -1,0 +1,91 @@
+"""Parameters of the deep Q-network controller and of its learning; the paper's are the default."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from spikelane_controllers.dqn.q_network import MOST_WEIGHTS, QNetworkParameters
+from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, Parameters
+from spikelane_sim.task import DecisionParameters
+
+_TABLE = 'table "DQN parameters"'
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class QLearningParameters(Parameters):
+    """How the network learns. Steps are those of actions."""
+
+    discount: float = parameter(0.99, 'Discount factor.', low=0.0, high=1.0, source=_TABLE)
+    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
+    batch_size: int = parameter(32, 'Transitions of an update.', low=1, high=65_536, source=_TABLE)
+    update_every: int = parameter(
+        4, 'Steps between updates.', low=1, high=1_000_000, source=_TABLE
+    )
+    soft_update: float = parameter(
+        0.001,
+        'Part of the way that the target network goes to the network after an update.',
+        low=0.0,
+        high=1.0,
+        source=_TABLE,
+    )
+    buffer_size: int = parameter(
+        5000, 'Last transitions kept.', low=1, high=10_000_000, source=_TABLE
+    )
+    random_steps: int = parameter(
+        1000,
+        'Steps before the first update, in which exploration stays at its start.',
+        low=0,
+        high=MOST_STEPS,
+        source=_TABLE,
+    )
+    annealing_steps: int = parameter(
+        49_000,
+        "Steps after them in which exploration falls (99000 in the authors' program).",
+        low=1,
+        high=MOST_STEPS,
+        source=_TABLE,
+    )
+    exploration_start: float = parameter(
+        1.0, 'Probability of a random action at first.', low=0.0, high=1.0, source=_TABLE
+    )
+    exploration_end: float = parameter(
+        0.1, 'Probability of a random action at last.', low=0.0, high=1.0, source=_TABLE
+    )
+    device: str = parameter('cpu', 'Where updates are computed.', choices=('cpu', 'cuda'))
+
+    def exploration_rate(self, steps: int) -> float:
+        """Return the probability of a random action after so many steps (section 3.4)."""
+        progress = (steps - self.random_steps) / self.annealing_steps
+        fall = self.exploration_start - self.exploration_end
+        return self.exploration_start - fall * min(max(progress, 0.0), 1.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DqnParameters(Parameters):
+    """The deep Q-network controller."""
+
+    learning: bool = parameter(False, 'Whether it explores and learns; otherwise it is greedy.')
+    checkpoint: str = parameter(
+        'scenario_1',
+        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        'checkpoint, or empty for untrained ones.',
+    )
+    averaged: bool = parameter(
+        False,
+        "Take a checkpoint's target network, a running average of the one that learns: it depends "
+        'less on the last updates.',
+    )
+    image: StateImageParameters = nested(StateImageParameters)
+    task: DecisionParameters = nested(DecisionParameters)
+    network: QNetworkParameters = nested(QNetworkParameters)
+    q_learning: QLearningParameters = nested(QLearningParameters)
+
+    def _check_relations(self) -> None:
+        inputs = self.image.rows * self.image.columns
+        network, learning = self.network, self.q_learning
+        both = {'image, network.hidden_2': inputs + network.hidden_2}
+        check_size('weights', {**both, 'network.hidden_1': network.hidden_1}, MOST_WEIGHTS)
+        states = {'inputs (image)': inputs}
+        check_size('values', {**states, 'q_learning.batch_size': learning.batch_size}, 1e8)
+        check_size('values', {**states, 'q_learning.buffer_size': learning.buffer_size}, 4e9)

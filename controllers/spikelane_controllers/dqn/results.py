@@ -1,0 +1,180 @@
+"""What a training of the deep Q-network has to show.
+
+A full episode went to the step limit; the training has solved its task with the first three full
+episodes in a row, all lanes among them. Steps are actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+from typing import Any, ClassVar
+
+from spikelane_controllers.dqn.training import Outcome
+from spikelane_controllers.dqn.visited_states import read_states
+from spikelane_controllers.learning.results import (
+    Figure,
+    Measure,
+    NothingToDrawError,
+    Time,
+    TrainingResults,
+)
+from spikelane_controllers.learning.training import Termination
+from spikelane_controllers.state import mapping, number, records
+from spikelane_sim.contract import STEP_S, TERMINATED_STEP_LIMIT
+
+_IN_A_ROW = 3
+
+
+class DqnResults(TrainingResults):
+    """What a training of the deep Q-network has to show.
+
+    Attributes:
+        outcomes: What each episode brought, as `terminations`.
+        updates: How often the network was changed.
+    """
+
+    step_words: ClassVar[str] = 'one action (0.5 s)'
+    stable_words: ClassVar[str] = 'three full episodes in a row'
+
+    def _read(self, facts: Mapping[str, Any]) -> None:
+        self.outcomes = records(facts, 'outcomes', Outcome)
+        self.updates = number(mapping(facts, 'controller'), 'updates', int)
+
+    @property
+    def solved_episode(self) -> int | None:
+        """Number of the first of the three episodes that solved the task, from 1 on."""
+        index = first_solved(self.terminations)
+        return None if index is None else index + 1
+
+    @property
+    def solved_step(self) -> int | None:
+        """Action step by which these three episodes had ended."""
+        index = first_solved(self.terminations)
+        return None if index is None else self.terminations[index + _IN_A_ROW - 1].step
+
+    def metrics(self) -> dict[str, Any]:
+        """Measure the training.
+
+        Returns:
+            As `TrainingResults.metrics`, and:
+            solved_at: Action step from which three episodes in a row went to the step limit, all
+                lanes among them; None where there were none.
+            solved_by: Action step at which the third of them ended, or None.
+            full_episodes: Episodes that went to the step limit.
+            reward_per_action: Mean over the last 10 episodes, None where there were none.
+            updates: Times the network was changed.
+            states: States kept.
+        """
+        solved = first_solved(self.terminations)
+        last = self.outcomes[-10:]
+        actions = sum(each.actions for each in last)
+        begin = None
+        if solved is not None:
+            begin = self.terminations[solved].step - self.outcomes[solved].actions
+        return {
+            **super().metrics(),
+            'solved_at': begin,
+            'solved_by': self.solved_step,
+            'full_episodes': sum(map(_is_full, self.terminations)),
+            'reward_per_action': sum(each.reward for each in last) / actions if actions else None,
+            'updates': self.updates,
+            'states': self.steps,
+        }
+
+    def episode_columns(self) -> list[dict[str, Any]]:
+        """Return what is known of each episode in addition to its termination, by column."""
+        return [
+            {
+                'actions': each.actions,
+                'reward': each.reward,
+                'exploration_rate': each.exploration_rate,
+                'loss': each.loss,
+            }
+            for each in self.outcomes
+        ]
+
+    def summary(self) -> dict[str, str]:
+        """Return what a person wants to know first of how well it drives, by name."""
+        metrics = self.metrics()
+        solved = 'no three in a row on both lanes'
+        if metrics['solved_at'] is not None:
+            solved = f'three in a row on both lanes from step {metrics["solved_at"]}'
+        return {'full episodes': f'{metrics["full_episodes"]}, {solved}'}
+
+    def measures(self) -> tuple[Measure, ...]:
+        """Return what reports compare."""
+        episode, step = self.solved_episode, self.solved_step
+        return (
+            Measure(
+                'solved_episode',
+                'first of three full episodes in a row',
+                'count',
+                len(self.terminations) if episode is None else episode,
+                episode is not None,
+            ),
+            Measure(
+                'solved_step',
+                'action step at the end of these three',
+                'count',
+                self.steps if step is None else step,
+                step is not None,
+            ),
+        )
+
+    def first_lap(self) -> Time:
+        """Return when the first lap was completed, or the training's end.
+
+        Episodes go on after a lap. The robot drives at one speed, so that a lap is what an
+        episode of the lane's length at that speed has.
+        """
+        course = self.course()
+        radius_m = self.run.config['simulator']['robot.wheel_radius_m']
+        per_step_m = self.run.config[self.run.controller]['task.drive_rad_s'] * radius_m * STEP_S
+        driven = 0
+        for episode in self.terminations:
+            needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
+            if episode.episode_steps >= needed:
+                return Time(driven + needed, True)
+            driven += episode.episode_steps
+        return Time(driven, False)
+
+    def stable(self) -> Time:
+        """Return when the three episodes that solved the task began, or the last one's end."""
+        solved = first_solved(self.terminations)
+        return Time(sum(e.episode_steps for e in self.terminations[:solved]), solved is not None)
+
+    def figures(self) -> tuple[Figure, ...]:
+        """Return what can be drawn."""
+        return (
+            Figure(self._heading, 'episodes', 'Episodes and rewards', self._draw_episodes),
+            Figure(self._heading, 'state_images', 'States met', self._draw_states),
+        )
+
+    def _draw_episodes(self, path: Path, title: str) -> tuple[Path, ...]:
+        from spikelane_controllers.dqn.episodes_figure import draw_episodes
+
+        return draw_episodes(self, tuple(self.course().lanes), path, title)
+
+    def _draw_states(self, path: Path, title: str) -> tuple[Path, ...]:
+        from spikelane_controllers.dqn.state_images_figure import draw_state_images
+
+        states = read_states(self.run.folder)
+        if not len(states):
+            raise NothingToDrawError(f'{self.run.folder}: expected states met, got none')
+        return draw_state_images(states, path, title)
+
+
+def _is_full(episode: Termination) -> bool:
+    return episode.reason == TERMINATED_STEP_LIMIT
+
+
+def first_solved(episodes: list[Termination]) -> int | None:
+    """Return the index of the first of the three episodes that solved the task."""
+    lanes = {each.lane for each in episodes}
+    for index in range(len(episodes) - _IN_A_ROW + 1):
+        run = episodes[index : index + _IN_A_ROW]
+        if all(map(_is_full, run)) and {each.lane for each in run} == lanes:
+            return index
+    return None

@@ -1,0 +1,159 @@
+"""Training of the deep Q-network: counts actions, and keeps what was gained and seen.
+
+The folder of the checkpoint also has `states.zst`, all states met (`visited_states.py`). It is
+written just before each checkpoint, so that it never has fewer than the checkpoint needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any, cast, ClassVar, NamedTuple
+
+from spikelane_controllers.checkpoint import Checkpoint
+from spikelane_controllers.dqn.controller import Dqn
+from spikelane_controllers.dqn.visited_states import NAME, StateStore
+from spikelane_controllers.learning.learning_controller import LearningController
+from spikelane_controllers.learning.training import Training, TrainingParameters
+from spikelane_controllers.state import number, records
+from spikelane_sim.contract import LaneState
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.parameters import MOST_STEPS, parameter
+
+_RECENT_EPISODES = 100  # that Stable-Baselines3 takes means over
+
+
+@dataclass(frozen=True, kw_only=True)
+class DqnTrainingParameters(TrainingParameters):
+    """How long a training of the deep Q-network takes and how often it is saved."""
+
+    steps: int = parameter(100_000, 'Steps to drive, of one action each.', low=1, high=MOST_STEPS)
+    save_every: int = parameter(
+        1000, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
+    )
+
+
+class Outcome(NamedTuple):
+    """What an episode brought."""
+
+    actions: int
+    reward: float  # sum over the actions
+    exploration_rate: float  # at its end
+    loss: float | None  # mean over its updates, None where there were none
+    updates: int  # of the whole training, at its end
+
+
+class _Present(NamedTuple):
+    """What the present episode has brought so far."""
+
+    actions: int
+    reward: float
+    loss: float  # sum over its updates
+    updates_before: int
+
+
+class DqnTraining(Training):
+    """A deep Q-network in training; steps are those of actions.
+
+    Attributes:
+        controller: What learns.
+        outcomes: Outcomes of all episodes, as `terminations`.
+    """
+
+    parameters_class: ClassVar[type[TrainingParameters]] = DqnTrainingParameters
+
+    def __init__(
+        self,
+        name: str,
+        controller: LearningController,
+        parameters: TrainingParameters,
+        config: Mapping[str, Any],
+        checkpoint: Path,
+    ) -> None:
+        """Prepare a training; see `Training`."""
+        super().__init__(name, controller, parameters, config, checkpoint)
+        self.controller: Dqn = cast(Dqn, controller)
+        self.outcomes: list[Outcome] = []
+        image = self.controller.parameters.image
+        self._store = StateStore(checkpoint.with_name(NAME), (image.rows, image.columns))
+
+    def steps_after(self, observations: int) -> int:
+        """Return about how many steps there will be after so many observations more."""
+        return self.steps + observations // self.controller.parameters.task.steps_per_action
+
+    def scalars(self) -> dict[str, float]:
+        """Return what can be plotted of the last episodes, under Stable-Baselines3's names."""
+        recent, last = self.outcomes[-_RECENT_EPISODES:], self.outcomes[-1]
+        scalars = {
+            'rollout/ep_len_mean': sum(each.actions for each in recent) / len(recent),
+            'rollout/ep_rew_mean': sum(each.reward for each in recent) / len(recent),
+            'rollout/exploration_rate': last.exploration_rate,
+            'train/learning_rate': self.controller.parameters.q_learning.learning_rate,
+            'train/n_updates': last.updates,
+        }
+        return scalars if last.loss is None else {**scalars, 'train/loss': last.loss}
+
+    def _begin_episode(self) -> None:
+        self._actions = 0
+        self._reward = 0.0
+        self._loss = 0.0  # sum over the updates
+        self._updates_before = self._updates = self.controller.learner.updates
+
+    def _counts(self, lane: LaneState) -> bool:
+        """Return whether an action has ended, and add it to the records.
+
+        Raises:
+            SpikelaneError: The network has diverged.
+        """
+        del lane
+        if self.controller.actions == self.steps:
+            return False
+        self._actions += 1
+        self._reward += self.controller.reward
+        learner = self.controller.learner
+        if learner.updates > self._updates:
+            self._updates = learner.updates
+            self._loss += learner.loss
+            if not math.isfinite(learner.loss):
+                raise SpikelaneError(
+                    f'the loss is {learner.loss} after {learner.updates} updates: expected a '
+                    f'q_learning.learning_rate that is small enough, got '
+                    f'{self.controller.parameters.q_learning.learning_rate:g}'
+                )
+        self._store.append(self.controller.counts)
+        return True
+
+    def _begin_records(self) -> None:
+        self._begin_episode()
+        self._store.begin()
+
+    def _record_episode(self) -> None:
+        updates = self._updates - self._updates_before
+        self.outcomes.append(
+            Outcome(
+                self._actions,
+                self._reward,
+                self.controller.learner.exploration_rate,
+                self._loss / updates if updates else None,
+                self._updates,
+            )
+        )
+        self._begin_episode()
+
+    def _records(self) -> Checkpoint:
+        self._store.flush()
+        facts = {
+            'outcomes': [list(each) for each in self.outcomes],
+            'present': [self._actions, self._reward, self._loss, self._updates_before],
+        }
+        return Checkpoint({}, facts)
+
+    def _restore_records(self, checkpoint: Checkpoint) -> None:
+        facts = checkpoint.facts
+        self._store.resume(number(facts, 'steps', int))
+        self.outcomes = records(facts, 'outcomes', Outcome)
+        self._updates = self.controller.learner.updates
+        [present] = records({'present': [facts.get('present')]}, 'present', _Present)
+        self._actions, self._reward, self._loss, self._updates_before = present

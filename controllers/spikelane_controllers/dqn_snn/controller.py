@@ -1,0 +1,165 @@
+"""The DQN-SNN controller: the policy of a deep Q-network in a spiking network (section 3.5).
+
+The events of each step make the rates of Poisson inputs. The network has one output neuron for
+each action; an action's trace counts its spikes and decays, and the robot does the action with
+the largest trace, decided anew at each step of 50 ms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.dqn_snn.integrate_and_fire import (
+    input_spikes,
+    IntegrateAndFire,
+    IntegrateAndFireParameters,
+    resting_potentials,
+)
+from spikelane_controllers.dqn_snn.transferred import InputScale, read_transferred
+from spikelane_controllers.operations import Operations
+from spikelane_controllers.shown import Shown
+from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
+from spikelane_sim.events import no_events
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
+from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FrameParameters(StateImageParameters):
+    """What the inputs see: the cells of the Q-network, in one step rather than ten."""
+
+    frames: int = parameter(1, 'Last steps that count.', low=1, high=1000, source='section 3.5')
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DqnSnnParameters(Parameters):
+    """The DQN-SNN controller."""
+
+    checkpoint: str = parameter(
+        'scenario_1',
+        "The network: the name of a shipped one, the path of a transfer's folder or of a "
+        'checkpoint.',
+    )
+    trace_decay: float = parameter(
+        0.8,
+        'What is left of an action trace after a step (c).',
+        low=0.0,
+        high=1.0,
+        source="the authors' program",
+    )
+    event_value: float = parameter(
+        0.0,
+        'Value of an input for each event in its cell, up to 1; 0 for the scale of the training, '
+        "1 for the authors' driver, which does not scale.",
+        low=0.0,
+        high=1.0,
+    )
+    encoding: FrameParameters = nested(FrameParameters)
+    neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
+    actions: ActionParameters = nested(ActionParameters)
+
+    def _check_relations(self) -> None:
+        inputs = self.encoding.rows * self.encoding.columns
+        steps = {'time steps (neurons.simulated_ms, neurons.step_ms)': self.neurons.steps}
+        check_size('numbers drawn in a step', {**steps, 'inputs (encoding)': inputs}, 1e7)
+
+
+def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:
+    """Return the value of an input for each event in its cell.
+
+    Unless `event_value` is set, values are on average those of the training.
+
+    Args:
+        parameters: Parameters of the controller.
+        scale: Scale of the training, in which a count over scale.frames steps is divided by its
+            maximum.
+    """
+    return parameters.event_value or scale.frames / (parameters.encoding.frames * scale.maximum)
+
+
+def input_values(counts: Counts, per_event: float) -> NDArray[np.float32]:
+    """Return the inputs' values.
+
+    Args:
+        counts: Events in each cell over the last steps, (rows, columns).
+        per_event: As `value_per_event` returns it.
+
+    Returns:
+        Values from 0 to 1 in the order of rows, then columns, (rows * columns,).
+    """
+    values: NDArray[np.float32] = np.minimum(counts.ravel() * per_event, 1.0).astype(np.float32)
+    return values
+
+
+class DqnSnn:
+    """Controller of a spiking network that has taken over a policy; see `contract.Controller`.
+
+    Attributes:
+        neurons: Names of the output neurons, one for each action.
+        spikes: How often each of them fired in the last step.
+        operations: Operations of the last step.
+        action: The last action, an index of `neurons`; -1 before the first step.
+        traces: Traces of the actions, (n_actions,).
+    """
+
+    parameters_class: ClassVar[type[DqnSnnParameters]] = DqnSnnParameters
+    neurons: ClassVar[tuple[str, ...]] = ACTIONS
+
+    def __init__(self, parameters: DqnSnnParameters | None = None) -> None:
+        """Make a controller at rest.
+
+        Raises:
+            CheckpointError: Its network cannot be read, or is not one for these inputs.
+        """
+        self.parameters = parameters or DqnSnnParameters()
+        encoding = self.parameters.encoding
+        transferred = read_transferred(
+            self.parameters.checkpoint, encoding.rows * encoding.columns, len(self.neurons)
+        )
+        self._per_event = value_per_event(self.parameters, transferred.scale)
+        self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
+        self._image = StateImage(encoding)
+        self.reset(np.random.default_rng(0))
+        # So that what is compiled is ready before a simulator waits for the first answer.
+        self.step(Observation(0, no_events(), None))
+        self.reset(np.random.default_rng(0))
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: neurons at rest, no traces, nothing seen."""
+        self._rng = rng
+        self._potentials = resting_potentials(self._network.network)
+        self._image.clear()
+        self.traces = np.zeros(len(self.neurons))
+        self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
+        self.action = -1
+
+    @property
+    def shown(self) -> Shown:
+        """What is shown of the last step."""
+        return Shown(
+            neurons=self.neurons,
+            spikes=self.spikes,
+            action=self.action,
+            operations=self.operations,
+        )
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation: its events drive the network for one step."""
+        self._image.add(observation.events)
+        values = input_values(self._image.counts, self._per_event)
+        inputs = input_spikes(values, self.parameters.neurons, self._rng)
+        self._potentials, fired = self._network.run(self._potentials, inputs)
+        hidden = len(fired.hidden)
+        synaptic = len(inputs) * hidden + int(fired.hidden.sum()) * len(self.neurons)
+        self.operations = Operations(decisions=1, synaptic=synaptic)
+        counts = fired.output.sum(axis=0, dtype=np.int64)
+        self.spikes = tuple(counts.tolist())
+        self.traces = self.parameters.trace_decay * self.traces + counts
+        self.action = int(np.argmax(self.traces))
+        return action_wheels(self.action, self.parameters.actions)

@@ -1,0 +1,222 @@
+"""The transfer of a deep Q-network's policy to a spiking network (paper section 3.5).
+
+States are gathered and labelled with the policy's actions, a network is trained with them and
+normalised, and its firing rates are compared with the activations that they stand for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.dqn.controller import Dqn
+from spikelane_controllers.dqn.parameters import DqnParameters
+from spikelane_controllers.dqn.pytorch import require_pytorch
+from spikelane_controllers.dqn.q_network import action_values, MOST_WEIGHTS
+from spikelane_controllers.dqn.visited_states import NAME, read_states
+from spikelane_controllers.dqn_snn.convergence import rate_errors, RateError
+from spikelane_controllers.dqn_snn.integrate_and_fire import IntegrateAndFireParameters
+from spikelane_controllers.dqn_snn.normalisation import normalise, Normalised
+from spikelane_controllers.dqn_snn.transfer import (
+    class_shares,
+    Labelled,
+    learn_policy,
+    Learnt,
+    scaled,
+    TransferParameters,
+)
+from spikelane_controllers.dqn_snn.transferred import Transferred, write_transferred
+from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
+from spikelane_controllers.learning.transfer import Show, STATES, TransferRequest
+from spikelane_controllers.state import mapping
+from spikelane_controllers.weights import find_checkpoint
+from spikelane_sim.encoding import Counts
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import check_size, Parameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.task import ACTIONS
+
+_TRAINING_STEPS = 'training steps'
+_RATE_DURATIONS_MS = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+_RATE_STATES = 50
+_RESETS = {'reset to 0': 'zero', 'less the threshold': 'subtract'}
+
+
+class PolicyTransfer:
+    """A transfer of a Q-network's policy; see `learning.transfer.Transfer`."""
+
+    parameters_classes: ClassVar[Mapping[str, type[Parameters]]] = {
+        'gathering': GatheringParameters,
+        'transfer': TransferParameters,
+    }
+    #: As in training (paper section 3.4).
+    defaults: ClassVar[Mapping[str, Any]] = {
+        'simulator.episode.max_laps': 0,
+        'simulator.episode.max_steps': 10_000,
+    }
+
+    _learnt: Learnt
+    _normalised: Normalised
+    _states: dict[str, int]  # number of states, by where they are from
+    _shares: list[float]  # of each action among the labels
+
+    def __init__(self, request: TransferRequest) -> None:
+        """Prepare the transfer.
+
+        Raises:
+            ParameterError: The network or its batches would be too large.
+        """
+        self._request = request
+        gathering, transfer = (request.parameters[name] for name in self.parameters_classes)
+        assert isinstance(gathering, GatheringParameters)
+        assert isinstance(transfer, TransferParameters)
+        self._gathering, self._transfer = gathering, transfer
+        inputs = {
+            'inputs (gathering.encoding)': gathering.encoding.rows * gathering.encoding.columns
+        }
+        check_size('weights', {**inputs, 'transfer.hidden': transfer.hidden}, MOST_WEIGHTS)
+        check_size('values', {**inputs, 'transfer.batch_size': transfer.batch_size}, 1e8)
+
+    @staticmethod
+    def has_states(checkpoint: Path) -> bool:
+        """Return whether the states met in a training are there, beside its checkpoint."""
+        return _states_file(checkpoint).exists()
+
+    def check(self) -> None:
+        """Make sure that there is what learns, and from whom.
+
+        Raises:
+            SpikelaneError: PyTorch is not there, or the policy cannot be read.
+        """
+        require_pytorch()
+        self._policy()
+
+    def run(self, show: Show) -> None:
+        """Gather states, label them, train a network with them and normalise it.
+
+        Raises:
+            SpikelaneError: The policy or its states cannot be read, or not learnt from.
+        """
+        require_pytorch()  # before anything is driven
+        policy = self._policy()
+        parts = self._gathered(policy, show)
+        counts = np.vstack(list(parts.values()))
+        actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
+        labelled = Labelled(counts, actions.astype(np.int64))
+        self._learnt = learn_policy(
+            labelled,
+            len(ACTIONS),
+            self._gathering.encoding.frames,
+            self._transfer,
+            # 0 to 2: simulator, controller, gathering.
+            np.random.default_rng([self._request.seed, 3]),
+            lambda done, of: show(_TRAINING_STEPS, done, of),
+        )
+        self._normalised = normalise(self._learnt.network, self._normalising_inputs())
+        self._states = {name: len(states) for name, states in parts.items()}
+        self._shares = class_shares(labelled.actions, len(ACTIONS))
+
+    def save(self, path: Path, config: Mapping[str, Any]) -> None:
+        """Write both networks.
+
+        Raises:
+            FileError: They cannot be written.
+        """
+        learnt = self._learnt
+        facts = {
+            'config': dict(config),
+            'normalisation': self._transfer.normalisation,
+            'accuracy': learnt.curve[-1].held_out,
+            'states': self._states,
+            'curve': [list(each) for each in learnt.curve],
+        }
+        transferred = Transferred(self._normalised.network, learnt.scale)
+        write_transferred(path, learnt.network, transferred, facts)
+
+    def metrics(self) -> dict[str, Any]:
+        """Return what was measured."""
+        learnt = self._learnt
+        return {
+            'states': sum(self._states.values()),
+            'states_from': self._states,
+            'held_out_states': len(learnt.held_out.actions),
+            'class_shares': dict(zip(ACTIONS, self._shares, strict=True)),
+            'accuracy': learnt.curve[-1].held_out,
+            'training_accuracy': learnt.curve[-1].training,
+            'maximum': learnt.scale.maximum,
+            'normalisation': self._transfer.normalisation,
+            'hidden_divisor': self._normalised.hidden_divisor,
+            'output_divisor': self._normalised.output_divisor,
+            'rates': {
+                name: [each._asdict() for each in errors] for name, errors in self._rates().items()
+            },
+        }
+
+    def _gathered(self, policy: Dqn, show: Show) -> dict[str, NDArray[np.uint8]]:
+        """Return states, (n, n_inputs), by where they are from."""
+        request = self._request
+        parts: dict[str, NDArray[np.uint8]] = {}
+        if request.from_training:
+            trained = read_states(
+                _states_file(find_checkpoint(request.source, request.checkpoint))
+            )
+            parts['training'] = trained.reshape(len(trained), -1)
+        with Simulator(request.simulator) as simulator:
+            parts['gathered'] = gather_states(
+                simulator,
+                lambda counts: _action(policy, counts),
+                self._gathering,
+                request.seed,
+                lambda done, of: show(STATES, done, of),
+            )
+        return parts
+
+    def _policy(self) -> Dqn:
+        """Return the Q-network that acts greedily, of the size it was trained in."""
+        source, checkpoint = self._request.source, self._request.checkpoint
+        facts = read_checkpoint(find_checkpoint(source, checkpoint), source).facts
+        values = mapping(mapping(facts, 'config'), source)
+        values |= {'learning': False, 'checkpoint': checkpoint, 'q_learning.device': 'cpu'}
+        parameters = DqnParameters.from_mapping(values, checkpoint)
+        if parameters.image != self._gathering.encoding:
+            raise ParameterError(
+                f'gathering.encoding: expected that of the Q-network, '
+                f'{parameters.image.to_dict()}, got {self._gathering.encoding.to_dict()}'
+            )
+        return Dqn(parameters)
+
+    def _normalising_inputs(self) -> NDArray[np.float32] | None:
+        """Return the inputs to normalise by, None where the weights alone decide."""
+        if self._transfer.normalisation == 'model':
+            return None
+        return scaled(self._learnt.held_out.counts, self._learnt.scale.maximum)
+
+    def _rates(self) -> dict[str, list[RateError]]:
+        """Compare rates with activations on some states held out, for either reset."""
+        counts = self._learnt.held_out.counts[:_RATE_STATES]
+        values = scaled(counts, self._learnt.scale.maximum)
+        return {
+            name: rate_errors(
+                self._normalised.network,
+                values,
+                _RATE_DURATIONS_MS,
+                IntegrateAndFireParameters(reset=reset),
+                np.random.default_rng([self._request.seed, 4]),
+            )
+            for name, reset in _RESETS.items()
+        }
+
+
+def _action(policy: Dqn, counts: Counts) -> int:
+    state = (counts > 0).astype(np.uint8).reshape(1, -1)
+    return int(action_values(policy.network, state)[0].argmax())
+
+
+def _states_file(checkpoint: Path) -> Path:
+    """Return where the states of a training are."""
+    return (checkpoint if checkpoint.is_dir() else checkpoint.parent) / NAME

@@ -1,0 +1,282 @@
+"""From a policy to a network that can spike: training it to do as the policy (section 3.5).
+
+The states that were met are labelled with the actions the deep Q-network chooses in them; a
+smaller network learns to choose the same, seeing how many events there were where the Q-network
+sees whether there were any. Then its weights are normalised.
+
+    1. label all states, set some apart;
+    2. divide the counts by the largest of all;
+    3. train by cross entropy, a batch of random states in each step;
+    4. normalise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import dataclasses
+import math
+from typing import NamedTuple, TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
+from spikelane_controllers.dqn_snn.transferred import InputScale
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
+
+if TYPE_CHECKING:
+    import torch
+
+_TABLE = 'table "DQN-SNN parameters"'
+
+#: What is told while it trains: steps done, and of how many.
+Show = Callable[[int, int], None]
+
+
+class TransferError(SpikelaneError):
+    """States cannot be learnt from."""
+
+    exit_status = 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TransferParameters(Parameters):
+    """How the network is trained."""
+
+    hidden: int = parameter(200, 'Hidden units.', low=1, high=16_384, source=_TABLE)
+    steps: int = parameter(10_000, 'Training steps.', low=1, high=MOST_STEPS, source=_TABLE)
+    batch_size: int = parameter(
+        50, 'States in a training step.', low=1, high=65_536, source=_TABLE
+    )
+    learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
+    held_out: float = parameter(
+        0.1, 'Share of the states kept for measuring.', low=0.001, high=0.9
+    )
+    maximum: int = parameter(
+        0,
+        'Events in a cell that make an input of 1; 0 for the largest number in any state.',
+        low=0,
+        high=255,
+        source='section 3.5',
+    )
+    input_gain: float = parameter(
+        1.0,
+        'Inputs are multiplied by this while training, and the first weights afterwards: where '
+        'most are small it makes learning quicker.',
+        low=1e-3,
+        high=1e6,
+    )
+    normalisation: str = parameter(
+        'model',
+        'Layers are divided by their largest possible input, or by their largest activation on '
+        'states held out.',
+        choices=('model', 'data'),
+        source='section 3.5, algorithm 1',
+    )
+    balanced: bool = parameter(
+        False, 'Whether batches have as many states of each action, however rare it is.'
+    )
+    decays: bool = parameter(
+        False, 'Whether the step size falls to 0, by half a cosine, over the training.'
+    )
+    measure_every: int = parameter(
+        500, 'Training steps between measurements of the accuracy.', low=1, high=MOST_STEPS
+    )
+
+
+class Labelled(NamedTuple):
+    """States and what to do in them."""
+
+    counts: NDArray[np.uint8]  # events in each cell, (n, n_inputs)
+    actions: NDArray[np.int64]  # (n,)
+
+
+class Measured(NamedTuple):
+    """How well the network did after some training steps."""
+
+    step: int
+    training: float  # accuracy on states it is trained with (a part of them)
+    held_out: float  # accuracy on states it is not
+
+
+class Learnt(NamedTuple):
+    """What came of a training."""
+
+    network: FeedForward
+    scale: InputScale
+    curve: tuple[Measured, ...]  # the last after all steps
+    held_out: Labelled
+
+
+def learn_policy(
+    states: Labelled,
+    actions: int,
+    frames: int,
+    parameters: TransferParameters,
+    rng: np.random.Generator,
+    show: Show = lambda step, steps: None,
+) -> Learnt:
+    """Train a network to choose the actions of labelled states.
+
+    The same arguments give the same weights, bit for bit, on the same machine.
+
+    Args:
+        states: All of them.
+        actions: How many there are, labelled or not.
+        frames: Steps of 50 ms that a state counts.
+        parameters: How.
+        rng: Where all random numbers come from.
+        show: Called after every step.
+
+    Raises:
+        TransferError: There are too few states, no events in them, or a single action.
+    """
+    train, held_out = _split(states, parameters.held_out, rng)
+    _check(train, held_out)
+    maximum = parameters.maximum or int(states.counts.max())
+    curve = []
+    with _one_thread():
+        training = _Training(train, maximum, actions, parameters, rng)
+        sample = _take(train, rng.permutation(len(train.actions))[: len(held_out.actions)])
+        for step in range(1, parameters.steps + 1):
+            training.step()
+            show(step, parameters.steps)
+            if step % parameters.measure_every == 0 or step == parameters.steps:
+                network = training.network()
+                accuracies = (accuracy(network, each, maximum) for each in (sample, held_out))
+                curve.append(Measured(step, *accuracies))
+    return Learnt(network, InputScale(frames, maximum), tuple(curve), held_out)
+
+
+def scaled(counts: NDArray[np.uint8], maximum: int) -> NDArray[np.float32]:
+    """Return the inputs' values: counts / maximum, at most 1, of the same shape."""
+    return np.minimum(counts, maximum).astype(np.float32) / np.float32(maximum)
+
+
+def accuracy(network: FeedForward, states: Labelled, maximum: int) -> float:
+    """Return the share of states in which the network chooses the action they are labelled with.
+
+    An action is chosen where its output is the largest.
+    """
+    chosen = activate(network, scaled(states.counts, maximum)).output.argmax(axis=1)
+    return float(np.mean(chosen == states.actions))
+
+
+def class_shares(actions: NDArray[np.int64], classes: int) -> list[float]:
+    """Return the share of each action among the labels (n,)."""
+    shares: list[float] = (np.bincount(actions, minlength=classes) / len(actions)).tolist()
+    return shares
+
+
+class _Training:
+    """The network in training: weights, Adam, and the states it is given."""
+
+    def __init__(
+        self,
+        states: Labelled,
+        maximum: int,
+        outputs: int,
+        parameters: TransferParameters,
+        rng: np.random.Generator,
+    ) -> None:
+        import torch
+
+        self._torch = torch
+        self._states, self._maximum = states, maximum
+        self._parameters, self._rng = parameters, rng
+        inputs, hidden = states.counts.shape[1], parameters.hidden
+        self._weights = tuple(
+            torch.tensor(each, requires_grad=True)
+            for each in (
+                _uniform((hidden, inputs), inputs, rng),
+                _uniform((hidden,), inputs, rng),
+                _uniform((outputs, hidden), hidden, rng),
+            )
+        )
+        self._adam = torch.optim.Adam(self._weights, lr=parameters.learning_rate, fused=True)
+        self._done = 0
+        self._of_action = [np.flatnonzero(states.actions == each) for each in range(outputs)]
+
+    def step(self) -> None:
+        """Take one training step."""
+        torch = self._torch
+        if self._parameters.decays:
+            share = self._done / self._parameters.steps
+            for group in self._adam.param_groups:
+                group['lr'] = self._parameters.learning_rate * (1 + math.cos(math.pi * share)) / 2
+        batch = _take(self._states, self._drawn())
+        gain = np.float32(self._parameters.input_gain)
+        inputs = torch.from_numpy(scaled(batch.counts, self._maximum) * gain)
+        loss = torch.nn.functional.cross_entropy(
+            self._outputs(inputs), torch.from_numpy(batch.actions)
+        )
+        self._adam.zero_grad()
+        loss.backward()
+        self._adam.step()
+        self._done += 1
+
+    def network(self) -> FeedForward:
+        """Return a copy of the weights, for inputs without a gain."""
+        weights, bias, output = (each.detach().numpy().copy() for each in self._weights)
+        return FeedForward(weights * np.float32(self._parameters.input_gain), bias, output)
+
+    def _outputs(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the outputs before rectification, which would hide those below 0."""
+        weights, bias, output_weights = self._weights
+        linear = self._torch.nn.functional.linear
+        return linear(linear(inputs, weights, bias).relu(), output_weights)
+
+    def _drawn(self) -> NDArray[np.int64]:
+        """Return the indices of a batch."""
+        size = self._parameters.batch_size
+        if not self._parameters.balanced:
+            return self._rng.integers(len(self._states.actions), size=size)
+        there = [indices for indices in self._of_action if len(indices)]
+        chosen = self._rng.integers(len(there), size=size)
+        places = self._rng.random(size)
+        return np.array(
+            [there[c][int(p * len(there[c]))] for c, p in zip(chosen, places, strict=True)]
+        )
+
+
+def _uniform(shape: tuple[int, ...], inputs: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Draw initial weights as PyTorch's linear layers do: within 1 / sqrt(inputs)."""
+    bound = 1 / math.sqrt(inputs)
+    return rng.uniform(-bound, bound, shape).astype(np.float32)
+
+
+def _split(states: Labelled, share: float, rng: np.random.Generator) -> tuple[Labelled, Labelled]:
+    """Return states for training and for measuring."""
+    order = rng.permutation(len(states.actions))
+    held_out = round(share * len(order))
+    return _take(states, np.sort(order[held_out:])), _take(states, np.sort(order[:held_out]))
+
+
+def _take(states: Labelled, indices: NDArray[np.int64]) -> Labelled:
+    return Labelled(states.counts[indices], states.actions[indices])
+
+
+def _check(train: Labelled, held_out: Labelled) -> None:
+    if not len(train.actions) or not len(held_out.actions):
+        raise TransferError('states: expected some to train with and some to measure with')
+    if not train.counts.any():
+        raise TransferError('states: expected events in them, got none')
+    if len(np.unique(train.actions)) < 2:
+        raise TransferError(
+            f'states: expected several actions as labels, got {train.actions[0]} alone'
+        )
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let PyTorch compute in one thread: the order of sums, and so the bits, depend on it."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,1 @@
+"""What every controller that learns by driving has in common: contract, training, results."""

@@ -1,0 +1,339 @@
+"""Training by driving: a controller that learns, wrapped so that it remembers how it did.
+
+The paper's procedure (sections 3.4 and 4.4): the robot drives, is reset when it leaves the lane,
+has completed a lap (R-STDP) or has driven long enough (DQN), and the lanes alternate. In-process
+and over ROS the same object is given the same observations, so that both give the same weights,
+bit for bit.
+
+A checkpoint is taken every so many steps. It holds the controller's state and the answers given
+since the last reset: a resumed run resets the simulator to that episode, gives those answers once
+more without learning anything, and is then exactly where it was. Simulation time begins anew in
+it, which nothing depends on.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from spikelane_controllers.checkpoint import Arrays, Checkpoint, read_checkpoint, write_checkpoint
+from spikelane_controllers.learning.learning_controller import LearningController
+from spikelane_controllers.state import array as state_array
+from spikelane_controllers.state import mapping, number, records, State
+from spikelane_sim.contract import (
+    controller_rng,
+    LaneState,
+    Observation,
+    WheelVelocities,
+)
+from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
+from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
+
+#: Prefix of the names that the controller's arrays have in a checkpoint.
+_PREFIX = 'controller.'
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingParameters(Parameters):
+    """How long a training takes and how often it is saved."""
+
+    steps: int = parameter(30_000, 'Steps to drive, of 50 ms each.', low=1, high=MOST_STEPS)
+    save_every: int = parameter(
+        100, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
+    )
+
+
+class Termination(NamedTuple):
+    """How an episode ended."""
+
+    step: int  # of the training, when it ended
+    episode: int
+    lane: str
+    section: str
+    position_m: float
+    distance_m: float
+    episode_steps: int
+    reason: str
+
+
+class Start(NamedTuple):
+    """The episode that a training begins or goes on with."""
+
+    lane: str | None
+    episode: int
+
+
+class Training:
+    """A learning controller in training; itself a `contract.Controller`.
+
+    Either `begin` or `resume` comes first. Classes for controllers that need more override the
+    methods below `_counts`.
+
+    Attributes:
+        controller: What learns.
+        steps: Steps driven, as the class counts them.
+        terminations: Terminations of all episodes.
+        on_episode: Called after each episode.
+    """
+
+    parameters_class: ClassVar[type[TrainingParameters]] = TrainingParameters
+
+    def __init__(
+        self,
+        name: str,
+        controller: LearningController,
+        parameters: TrainingParameters,
+        config: Mapping[str, Any],
+        checkpoint: Path,
+    ) -> None:
+        """Prepare a training.
+
+        Args:
+            name: Name of the controller, in the registry.
+            controller: Just made.
+            parameters: Parameters of the training.
+            config: What determines it, of JSON's kinds; kept in checkpoints and compared by
+                `resume`.
+            checkpoint: File of the checkpoints, ending in .safetensors.
+        """
+        self.controller = controller
+        self.steps = 0
+        self.terminations: list[Termination] = []
+        self.on_episode: Callable[[], None] = lambda: None
+        self._name = name
+        self._parameters = parameters
+        self._config = dict(config)
+        self._checkpoint = checkpoint
+        self._start = Start(None, 1)
+        self._distance_m = 0.0  # at the last step
+        # This episode's answers, left and right in turn; a list of pairs would take long to save.
+        self._answers = array('d')
+        self._n_replayed = 0
+        self._needs_reset = False
+        self._is_due = False
+
+    def begin(self, seed: int) -> None:
+        """Begin with initial weights that depend on the seed alone, and save that.
+
+        Raises:
+            CheckpointError: There is another training's checkpoint.
+            FileError: The checkpoint cannot be written.
+        """
+        if self._checkpoint.exists():
+            raise CheckpointChoiceError(
+                f'{self._checkpoint}: expected a folder without a checkpoint, or to resume'
+            )
+        # Episodes count from 1, so that 0 is free for the weights before the first.
+        self.controller.initialise(controller_rng(seed, 0))
+        self._begin_records()
+        self._save()
+
+    @property
+    def start(self) -> Start:
+        """The episode to reset the simulator to before the first step."""
+        return self._start
+
+    def steps_after(self, observations: int) -> int:
+        """Return about how many steps there will be after so many observations more."""
+        return self.steps + observations
+
+    def scalars(self) -> dict[str, float]:
+        """Return what can be plotted of the last episode, under Stable-Baselines3's names."""
+        return {}
+
+    @property
+    def parameters(self) -> TrainingParameters:
+        """How long it takes and how often it is saved."""
+        return self._parameters
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all steps are driven; never between two episodes."""
+        return self.steps >= self._parameters.steps and not self._needs_reset
+
+    @property
+    def needs_reset(self) -> bool:
+        """Whether the episode is over, so that the simulator is to be reset to the next lane."""
+        return self._needs_reset
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode, unless it is one that is being repeated to resume."""
+        if not self._is_replaying:
+            self._answers = array('d')
+            self._n_replayed = 0
+            self.controller.reset(rng)
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer an observation, and save what is due.
+
+        Raises:
+            CheckpointError: The episode that is being repeated to resume is not the same.
+            FileError: The checkpoint cannot be written.
+        """
+        lane = observation.lane
+        assert lane is not None  # nobody can be trained without
+        if self._is_replaying:
+            return self._repeated_answer(lane)
+        wheels = self.controller.step(observation)
+        self._needs_reset = lane.terminated
+        if self._counts(lane):
+            self.steps += 1
+            self._is_due |= self.steps % self._parameters.save_every == 0
+        if lane.terminated:
+            self.terminations.append(self._termination(lane))
+            self._record_episode()
+            self.on_episode()
+            return wheels
+        self._start, self._distance_m = Start(lane.lane, lane.episode), lane.distance_m
+        self._answers.extend(wheels)
+        self._n_replayed += 1
+        if self._is_due:
+            self._record_step()
+        if self._is_due or self.is_done:
+            self._save()
+            self._is_due = False
+        return wheels
+
+    def resume(self) -> None:
+        """Go on where the checkpoint stands.
+
+        Raises:
+            CheckpointError: There is none that can be read, or it is of another configuration.
+        """
+        checkpoint = read_checkpoint(self._checkpoint, self._name)
+        arrays, facts = checkpoint
+        self._check_config(facts)
+        try:
+            self.controller.restore(controller_state(checkpoint))
+            self._restore(arrays, facts)
+            self._restore_records(checkpoint)
+        except CheckpointError as error:
+            raise CheckpointError(f'{self._checkpoint}: {error}') from None
+
+    def _restore(self, arrays: Arrays, facts: Mapping[str, Any]) -> None:
+        """Become what `_save` wrote of the training itself."""
+        self.steps = number(facts, 'steps', int)
+        self.terminations = records(facts, 'terminations', Termination)
+        self._config = mapping(facts, 'config')
+        start = {'start': [[facts.get('lane'), facts.get('episode')]]}
+        [self._start] = records(start, 'start', Start)
+        self._distance_m = float(number(facts, 'distance_m', float))
+        answers = state_array(arrays, 'training.answers', np.dtype(np.float64), (None, 2))
+        self._answers = array('d', answers.ravel())
+        self._n_replayed = 0
+
+    @property
+    def _is_replaying(self) -> bool:
+        return 2 * self._n_replayed < len(self._answers)
+
+    def _repeated_answer(self, lane: LaneState) -> WheelVelocities:
+        """Return what was answered when this was first seen."""
+        first = 2 * self._n_replayed
+        is_same = (lane.episode, lane.step) == (self._start.episode, self._n_replayed)
+        self._n_replayed += 1
+        is_last = not self._is_replaying
+        if not is_same or lane.terminated or (is_last and lane.distance_m != self._distance_m):
+            raise CheckpointError(
+                f'{self._checkpoint}: expected episode {self._start.episode} to be the same again,'
+                f' got another by step {lane.step}: is it of another version or machine?'
+            )
+        return WheelVelocities(*self._answers[first : first + 2])
+
+    def _counts(self, lane: LaneState) -> bool:
+        """Return whether the step that ended with this observation counts."""
+        return not lane.terminated
+
+    def _begin_records(self) -> None:
+        """Begin what is kept beside the terminations."""
+
+    def _record_step(self) -> None:
+        """Add to the records, just before a checkpoint that is due."""
+
+    def _record_episode(self) -> None:
+        """Add to the records, just after a termination."""
+
+    def _records(self) -> Checkpoint:
+        """Return the records as a checkpoint is to hold them."""
+        return Checkpoint({}, {})
+
+    def _restore_records(self, checkpoint: Checkpoint) -> None:
+        """Become what `_records` returned.
+
+        Raises:
+            CheckpointError: They cannot be had.
+        """
+
+    def _save(self) -> None:
+        """Write the checkpoint; it is forced to the disk, and for people to read, at the end."""
+        arrays, facts = state_checkpoint(self.controller.state())
+        records = self._records()
+        arrays['training.answers'] = np.array(self._answers).reshape(-1, 2)
+        arrays |= records.arrays
+        write_checkpoint(
+            self._checkpoint,
+            self._name,
+            arrays,
+            {
+                'config': self._config,
+                **facts,
+                'steps': self.steps,
+                'lane': self._start.lane,
+                'episode': self._start.episode,
+                'distance_m': self._distance_m,
+                'terminations': [list(each) for each in self.terminations],
+                **records.facts,
+            },
+            sync=self.is_done,
+        )
+
+    def _check_config(self, facts: Mapping[str, Any]) -> None:
+        if 'terminations' not in facts:
+            raise CheckpointChoiceError(
+                f'{self._checkpoint}: expected a training, got weights alone'
+            )
+        config = mapping(facts, 'config')
+        for name, expected in self._config.items():
+            given = config.get(name)
+            if given != expected:
+                where, expected, given = first_difference(name, expected, given)
+                raise CheckpointChoiceError(
+                    f'{self._checkpoint}: expected a training with {where} {expected}, '
+                    f'got one with {given}'
+                )
+
+    def _termination(self, lane: LaneState) -> Termination:
+        return Termination(
+            step=self.steps,
+            episode=lane.episode,
+            lane=lane.lane,
+            section=lane.section,
+            position_m=lane.position_m,
+            distance_m=lane.distance_m,
+            episode_steps=lane.step,
+            reason=lane.reason,
+        )
+
+
+def state_checkpoint(state: State) -> Checkpoint:
+    """Return a controller's own state as a checkpoint holds it; see `controller_state`."""
+    is_array = {name: isinstance(value, np.ndarray) for name, value in state.items()}
+    return Checkpoint(
+        {_PREFIX + name: value for name, value in state.items() if is_array[name]},
+        {'controller': {name: value for name, value in state.items() if not is_array[name]}},
+    )
+
+
+def controller_state(checkpoint: Checkpoint) -> State:
+    """Return the controller's own state."""
+    state: State = {
+        name.removeprefix(_PREFIX): value
+        for name, value in checkpoint.arrays.items()
+        if name.startswith(_PREFIX)
+    }
+    state.update(mapping(checkpoint.facts, 'controller'))
+    return state

@@ -1,0 +1,29 @@
+"""The node of any registered controller: the executable has the controller's name.
+
+A package that adds a controller names this `main` in its `console_scripts`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+import sys
+
+from spikelane_controllers.nodes.controller import ControllerNode
+from spikelane_controllers.nodes.learning import LearningNode
+from spikelane_controllers.registry import card
+from spikelane_sim.nodes.running import run_node
+
+
+def main() -> None:
+    """Run the node of the controller that the executable is named after."""
+    name = Path(sys.argv[0]).name
+    sys.exit(run_node(lambda: make_node(name)))
+
+
+def make_node(name: str) -> ControllerNode:
+    """Make the node of a controller.
+
+    Raises:
+        SpikelaneError: No controller has this name, or a parameter is not allowed.
+    """
+    return LearningNode(name) if card(name).training else ControllerNode(name)

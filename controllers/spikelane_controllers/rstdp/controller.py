@@ -1,0 +1,265 @@
+"""The R-STDP controller: two neurons whose synapses learn from the lane distance (section 4).
+
+Every input excites both motor neurons. The robot's distance d to the right of its lane's centre is
+the reward: at each step dopamine is set to -c_r d in the left neuron's synapses and to +c_r d in
+the right one's, so that what made the robot turn back is strengthened.
+
+An episode is no boundary for the network: as in the paper's procedure, where one simulation of
+the network goes on while the robot is put back, potentials, traces, weights and spikes on their
+way live on. Only the steering begins anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.operations import Operations
+from spikelane_controllers.rstdp.learnt_weights import read_weights
+from spikelane_controllers.shown import Shown
+from spikelane_controllers.spiking.network import (
+    DelayParameters,
+    GRID_MS,
+    neuron_constants,
+    NeuronParameters,
+    spike_counts,
+)
+from spikelane_controllers.spiking.plasticity import (
+    check_plastic_state,
+    PlasticNetwork,
+    PlasticState,
+    resting_plastic_state,
+    synapse_rule,
+    SynapseParameters,
+)
+from spikelane_controllers.spiking.poisson import (
+    check_spikes,
+    firing_rates,
+    poisson_spikes,
+    PoissonParameters,
+)
+from spikelane_controllers.spiking.steering import (
+    initial_steering,
+    steer,
+    SteeringParameters,
+)
+from spikelane_controllers.state import (
+    array,
+    check_names,
+    gather,
+    gather_generator,
+    number,
+    spread,
+    spread_generator,
+    State,
+)
+from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.encoding import count_events, EncodingParameters
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parameters import nested, parameter, Parameters
+
+_TABLE = 'table "Simulation parameters specification"'
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class InitialWeights(Parameters):
+    """Weights before training: uniform in a range."""
+
+    low_pa: float = parameter(
+        200.0, 'Smallest.', unit='pA', low=-1e6, high=1e6, source='section 4.4'
+    )
+    high_pa: float = parameter(
+        201.0, 'Largest.', unit='pA', low=-1e6, high=1e6, source="the authors' program"
+    )
+
+    def _check_relations(self) -> None:
+        if self.high_pa < self.low_pa:
+            raise ParameterError(
+                f'high_pa: expected at least low_pa = {self.low_pa:g} pA, got {self.high_pa:g}'
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RStdpParameters(Parameters):
+    """The R-STDP controller."""
+
+    learning: bool = parameter(False, 'Whether the weights change.')
+    checkpoint: str = parameter(
+        'scenario_1',
+        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        'checkpoint, or empty for untrained ones.',
+    )
+    c_r: float = parameter(
+        0.01,
+        'Dopamine for each metre from the centre.',
+        unit='1/(ms m)',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
+    )
+    initial_weights: InitialWeights = nested(InitialWeights)
+    encoding: EncodingParameters = nested(EncodingParameters)
+    poisson: PoissonParameters = nested(PoissonParameters)
+    neuron: NeuronParameters = nested(NeuronParameters)
+    delays: DelayParameters = nested(DelayParameters)
+    synapse: SynapseParameters = nested(SynapseParameters)
+    steering: SteeringParameters = nested(SteeringParameters)
+
+    def _check_relations(self) -> None:
+        check_spikes(self.poisson, self.encoding)
+        synapse_rule(self.synapse, self.delays)
+        self._check_bookkeeping()
+        if self.initial_weights.low_pa < self.synapse.w_min_pa:
+            raise ParameterError(
+                f'initial_weights.low_pa: expected at least synapse.w_min_pa = '
+                f'{self.synapse.w_min_pa:g} pA, got {self.initial_weights.low_pa:g}'
+            )
+        if self.initial_weights.high_pa > self.synapse.w_max_pa:
+            raise ParameterError(
+                f'initial_weights.high_pa: expected at most synapse.w_max_pa = '
+                f'{self.synapse.w_max_pa:g} pA, got {self.initial_weights.high_pa:g}'
+            )
+
+    def _check_bookkeeping(self) -> None:
+        """Refuse neurons that can fire twice in an interval: NEST then learns other weights."""
+        shortest_ms = self.neuron.t_ref_ms + GRID_MS
+        if self.synapse.interval_ms > shortest_ms + 1e-9:
+            raise ParameterError(
+                f'synapse.interval_ms: expected at most {shortest_ms:g} ms, the shortest time '
+                f'between two spikes of a neuron (neuron.t_ref_ms + {GRID_MS:g} ms), '
+                f'got {self.synapse.interval_ms:g}'
+            )
+
+
+class RStdp:
+    """Controller of two neurons with synapses that learn; see `contract.Controller`.
+
+    It is made with the weights of its checkpoint; where it has none, they are drawn from seed 0,
+    and `initialise` draws others. `restore` continues from a state. It changes its weights while
+    `learning` is true, which may be set between steps.
+
+    Attributes:
+        neurons: Names of the neurons.
+        spikes: How often each of them fired in the last step.
+        reward: Reward of the last step, that of the right neuron's synapses; the left one's is its
+            negative. NaN where the observation had no lane distance.
+        operations: Operations of the last step, learning not counted.
+        learning: Whether the weights change.
+    """
+
+    parameters_class: ClassVar[type[RStdpParameters]] = RStdpParameters
+    neurons: ClassVar[tuple[str, ...]] = ('left', 'right')
+
+    def __init__(self, parameters: RStdpParameters | None = None) -> None:
+        """Make a controller at rest.
+
+        Raises:
+            CheckpointError: Its weights cannot be read, or are not of such a network.
+        """
+        self.parameters = parameters or RStdpParameters()
+        self.learning = self.parameters.learning
+        self._constants = neuron_constants(self.parameters.neuron)
+        self._rule = synapse_rule(self.parameters.synapse, self.parameters.delays)
+        self._trained_pa = self._trained_weights()
+        self.initialise(np.random.default_rng(0))
+        self.reset(np.random.default_rng(0))
+
+    @property
+    def weights_pa(self) -> NDArray[np.float64]:
+        """Weights now [pA], (2, n_inputs)."""
+        return self._network.weights_pa
+
+    def initialise(self, rng: np.random.Generator) -> None:
+        """Forget all: neurons at rest, no traces, the checkpoint's weights or drawn from rng."""
+        initial = self.parameters.initial_weights
+        weights_pa = self._trained_pa
+        if weights_pa is None:
+            weights_pa = rng.uniform(initial.low_pa, initial.high_pa, self._shape)
+        self._network = self._in_progress(
+            resting_plastic_state(weights_pa, self.parameters.delays)
+        )
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: straight on, slowly; the network and its weights live on."""
+        self._rng = rng
+        self._steering = initial_steering(self.parameters.steering)
+        self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
+        self.operations = Operations()
+        self.reward = math.nan
+
+    @property
+    def shown(self) -> Shown:
+        """What is shown of the last step."""
+        return Shown(
+            neurons=self.neurons,
+            spikes=self.spikes,
+            reward=self.reward,
+            operations=self.operations,
+            weights_pa=self.weights_pa,
+        )
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation: its events drive the network, its distance is the reward."""
+        counts = count_events(observation.events, self.parameters.encoding)
+        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
+        lane = observation.lane
+        self.reward = math.nan if lane is None else self.parameters.c_r * lane.distance_m
+        dopamine = self.reward if self.learning and lane is not None else 0.0
+        self._network.dopamine[:] = -dopamine, dopamine
+        self.spikes = spike_counts(self._network.run(inputs), len(self.neurons))
+        self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
+        left, right = self.spikes
+        self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
+        return wheels
+
+    def state(self) -> State:
+        """Return all that the next steps depend on, as arrays and finite numbers.
+
+        `restore` takes it, also in another controller with the same parameters, and the steps
+        that follow are the same, bit for bit.
+        """
+        return {
+            **spread('network', self._network.state),
+            **spread('steering', self._steering),
+            **spread_generator('rng', self._rng),
+            'spikes': np.array(self.spikes, np.int64),
+            'learning': self.learning,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Continue from a state.
+
+        Raises:
+            CheckpointError: It is not one of this controller with these parameters; nothing has
+                changed then.
+        """
+        check_names(state, self.state())
+        like = self._network.state
+        network = gather('network', like, state)
+        check_plastic_state(network, like, self._rule)
+        steering = gather('steering', self._steering, state)
+        rng = gather_generator('rng', state)
+        spikes = array(state, 'spikes', np.dtype(np.int64), (len(self.neurons),))
+        learning = number(state, 'learning', bool)
+        self._network = self._in_progress(network)
+        self._steering, self._rng = steering, rng
+        self.spikes, self.learning = tuple(spikes.tolist()), learning
+
+    def _in_progress(self, state: PlasticState) -> PlasticNetwork:
+        return PlasticNetwork(state, self._constants, self._rule)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        encoding = self.parameters.encoding
+        return len(self.neurons), encoding.rows * encoding.columns
+
+    def _trained_weights(self) -> NDArray[np.float64] | None:
+        name, synapse = self.parameters.checkpoint, self.parameters.synapse
+        if not name:
+            return None
+        return read_weights('rstdp', name, self._shape, synapse.w_min_pa, synapse.w_max_pa)

@@ -1,0 +1,1 @@
+"""Spiking building blocks: neurons and network, synapses that learn, Poisson inputs, steering."""

@@ -1,0 +1,369 @@
+"""Synapses that learn by reward: dopamine-modulated spike-timing-dependent plasticity.
+
+The model is NEST's stdp_dopamine_synapse (Potjans, Morrison & Diesmann 2010, Frontiers in
+Computational Neuroscience 4:141), the paper's R-STDP rule (section 4.1), without a baseline of
+dopamine. Each synapse has a weight w and an eligibility trace c; dopamine n is given per neuron:
+
+    dc/dt = -c / tau_c  + A_plus K_plus  when a spike of the neuron reaches the synapse
+                        - A_minus K_minus  when the relay spikes,
+    dn/dt = -n / tau_n,    dw/dt = c n,    w_min <= w <= w_max,
+
+where K_plus and K_minus grow by 1 with each spike of the relay or the neuron and decay with
+tau_plus or tau_minus. A relay's spike takes a delay to the neuron, and a neuron's spike as long
+back to the synapse (NEST: all of the delay is dendritic). Simultaneous spikes do not pair.
+
+Between spikes the solution is exact and is evaluated at spikes only. Spikes have stamps, the grid
+step at whose end they are, counted from the window's start: a spike "in" step k has stamp k + 1.
+
+NEST's bookkeeping. NEST brings every synapse up to date at the end of each interval of 1 ms (the
+shortest delay of the network), and hands a relay's spikes to the synapses only then. A synapse
+whose relay spiked at t is taken from the interval's end back to t, where the weight is read and
+the eligibility lowered, and then forward again. On its second way it meets the neuron's spikes
+between t and the interval's end once more, which add to the eligibility a second time. The
+paper's results come from this model, so it is the default; with an interval of one grid step the
+equations above are solved as they stand.
+
+The interval is NEST's own where it is the shortest delay of the network. The weights are NEST's
+only where a neuron fires at most once in an interval: its refractory period and a grid step last
+at least as long. With 0.6 ms and an interval of 1 ms, weights differ by up to 23 pA after 5 s.
+
+Dopamine is set between windows, when all synapses have been brought to the boundary. So it acts
+from there on; the relays' spikes of the last interval before, handed over after it, see dopamine
+as if it had been the new one's decay all along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.spiking.network import (
+    Constants,
+    DelayParameters,
+    GRID_MS,
+    GRID_STEPS,
+    grid_steps,
+    NEURON_DTYPE,
+    Neurons,
+    no_spikes,
+    SPIKE_DTYPE,
+    Spikes,
+)
+from spikelane_controllers.spiking.plasticity_kernel import (
+    NETWORK_DTYPE,
+    POST_DTYPE,
+    Posts,
+    RULE_DTYPE,
+    run,
+    SYNAPSE_DTYPE,
+    Workspace,
+)
+from spikelane_sim.errors import CheckpointError, ParameterError
+from spikelane_sim.parameters import parameter, Parameters
+
+_TABLE = 'table "Simulation parameters specification"'
+
+Weights = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SynapseParameters(Parameters):
+    """NEST's parameters of stdp_dopamine_synapse; its baseline b is 0."""
+
+    a_plus: float = parameter(
+        1.0,
+        'Eligibility gained when the neuron spikes after the relay.',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
+    )
+    a_minus: float = parameter(
+        1.0,
+        'Eligibility lost when the relay spikes after the neuron.',
+        low=0.0,
+        high=1e6,
+        source=_TABLE,
+    )
+    tau_plus_ms: float = parameter(
+        20.0,
+        "Time constant of the relay's trace K_plus.",
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
+        source=_TABLE,
+    )
+    tau_minus_ms: float = parameter(
+        20.0,
+        "Time constant of the neuron's trace K_minus (NEST's).",
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
+    )
+    tau_c_ms: float = parameter(
+        1000.0,
+        'Time constant of the eligibility trace.',
+        unit='ms',
+        low=GRID_MS,
+        high=1e6,
+        source=_TABLE,
+    )
+    tau_n_ms: float = parameter(
+        200.0, 'Time constant of dopamine.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE
+    )
+    w_min_pa: float = parameter(
+        0.0, 'Smallest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+    )
+    w_max_pa: float = parameter(
+        3000.0, 'Largest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+    )
+    interval_ms: float = parameter(
+        1.0,
+        "How often NEST's bookkeeping is done; 0.1: without it.",
+        unit='ms',
+        low=GRID_MS,
+        high=1e4,
+    )
+
+    def _check_relations(self) -> None:
+        if self.w_max_pa < self.w_min_pa:
+            raise ParameterError(
+                f'w_max_pa: expected at least w_min_pa = {self.w_min_pa:g} pA, '
+                f'got {self.w_max_pa:g}'
+            )
+        interval = grid_steps('interval_ms', self.interval_ms)
+        if GRID_STEPS % interval:
+            raise ParameterError(
+                f'interval_ms: expected a divisor of {GRID_STEPS * GRID_MS:g} ms, '
+                f'got {self.interval_ms:g}'
+            )
+
+
+class SynapseRule(NamedTuple):
+    """What takes synapses from spike to spike; made by `synapse_rule`."""
+
+    scalars: NDArray[np.void]  # of RULE_DTYPE, (1,)
+    # Per number k of grid steps from -interval to the longest window plus interval: what decays
+    # in them of c, n and K_plus, and the integral of exp(-t / tau_c - t / tau_n) [ms]. (n, 4)
+    tables: NDArray[np.float64]
+
+
+class PlasticState(NamedTuple):
+    """State of the neurons and of their synapses, all brought up to date at a window's end."""
+
+    neurons: Neurons
+    weights_pa: Weights  # w, (n_neurons, n_inputs)
+    eligibility: NDArray[np.float64]  # c, (n_neurons, n_inputs)
+    k_plus: NDArray[np.float64]  # (n_neurons, n_inputs)
+    dopamine: NDArray[np.float64]  # n [1/ms], (n_neurons,); set it with _replace
+    in_flight: Spikes  # of inputs, not yet handed to the synapses: steps may be negative
+    arriving_pa: NDArray[np.float64]  # on its way to the neurons, (delay, n_neurons)
+    history: Posts  # the neurons' spikes that may still pair, by neuron and stamp, which is <= 0
+
+
+def synapse_rule(
+    synapse: SynapseParameters, delays: DelayParameters, window: int = GRID_STEPS
+) -> SynapseRule:
+    """Solve the synapses' equations for every number of grid steps in a window.
+
+    Args:
+        synapse: The synapses.
+        delays: From the inputs to the relays, from these to the neurons.
+        window: Length of the longest window to come [grid steps].
+
+    Raises:
+        ParameterError: interval_ms is longer than the delay from relay to neuron.
+    """
+    interval = grid_steps('interval_ms', synapse.interval_ms)
+    delay = grid_steps('to_neuron_ms', delays.to_neuron_ms)
+    if interval > delay:
+        raise ParameterError(
+            f'interval_ms: expected at most the delay to_neuron_ms = {delays.to_neuron_ms:g} ms, '
+            f'got {synapse.interval_ms:g}'
+        )
+    scalars = np.zeros(1, RULE_DTYPE)
+    scalars['a_plus'], scalars['a_minus'] = synapse.a_plus, synapse.a_minus
+    scalars['minus_rate'] = GRID_MS / synapse.tau_minus_ms
+    scalars['w_min'], scalars['w_max'] = synapse.w_min_pa, synapse.w_max_pa
+    scalars['to_relay'] = grid_steps('to_relay_ms', delays.to_relay_ms)
+    scalars['delay'], scalars['interval'] = delay, interval
+    t_ms = np.arange(-interval, window + interval + 1) * GRID_MS
+    rate = 1 / synapse.tau_c_ms + 1 / synapse.tau_n_ms
+    tables = np.stack(
+        [
+            np.exp(-t_ms / synapse.tau_c_ms),
+            np.exp(-t_ms / synapse.tau_n_ms),
+            np.exp(-t_ms / synapse.tau_plus_ms),
+            -np.expm1(-rate * t_ms) / rate,
+        ],
+        axis=1,
+    )
+    return SynapseRule(scalars, tables)
+
+
+def resting_plastic_state(weights_pa: Weights, delays: DelayParameters) -> PlasticState:
+    """Return neurons at rest and synapses that know of no spikes and no dopamine.
+
+    Args:
+        weights_pa: Initial weights [pA], (n_neurons, n_inputs).
+        delays: As in `synapse_rule`.
+    """
+    neurons = len(weights_pa)
+    return PlasticState(
+        neurons=np.zeros(neurons, NEURON_DTYPE),
+        weights_pa=np.array(weights_pa, np.float64),
+        eligibility=np.zeros(weights_pa.shape),
+        k_plus=np.zeros(weights_pa.shape),
+        dopamine=np.zeros(neurons),
+        in_flight=no_spikes(),
+        arriving_pa=np.zeros((grid_steps('to_neuron_ms', delays.to_neuron_ms), neurons)),
+        history=np.empty(0, POST_DTYPE),
+    )
+
+
+def run_plastic_network(
+    state: PlasticState,
+    inputs: Spikes,
+    constants: Constants,
+    rule: SynapseRule,
+    window: int = GRID_STEPS,
+) -> tuple[PlasticState, Spikes]:
+    """Run a network whose synapses learn for a window of time.
+
+    Without dopamine the weights stay as they are, and only the traces go on.
+
+    Args:
+        state: State at the window's start.
+        inputs: What the inputs fire in this window, in the order of grid steps; an input may do
+            so several times in one. Sources are below n_inputs, which is not checked.
+        constants: The neurons.
+        rule: The synapses.
+        window: Length of the window [grid steps], a multiple of the rule's interval and not
+            longer than the rule was made for.
+
+    Returns:
+        State at the window's end, and the spikes of the neurons in the window.
+    """
+    network = PlasticNetwork(state, constants, rule, window)
+    fired = network.run(inputs)
+    return network.state, fired
+
+
+class PlasticNetwork:
+    """A network whose synapses learn, in progress: `run_plastic_network` without new arrays."""
+
+    def __init__(
+        self,
+        state: PlasticState,
+        constants: Constants,
+        rule: SynapseRule,
+        window: int = GRID_STEPS,
+    ) -> None:
+        """Begin with a copy of a state.
+
+        Args:
+            state: State at the first window's start.
+            constants: The neurons.
+            rule: The synapses.
+            window: Length of the windows, as in `run_plastic_network`.
+        """
+        scalars = rule.scalars[0]
+        neurons = len(state.neurons)
+        per_neuron = 1 + (window - 1) // (1 + int(constants[0]['refractory']))
+        remembered = max(len(state.history), int(scalars['delay'] + scalars['interval'])) + 1
+        work = self._work = Workspace(
+            neurons=state.neurons.copy(),
+            synapses=np.zeros(state.weights_pa.shape, SYNAPSE_DTYPE),
+            dopamine=state.dopamine.copy(),
+            arriving_pa=np.zeros((window + scalars['delay'], neurons)),
+            posts=np.zeros((neurons, remembered + per_neuron), POST_DTYPE),
+            flying=state.in_flight.copy(),
+            fired=np.empty(neurons * per_neuron, SPIKE_DTYPE),
+            counts=np.zeros(neurons, np.int64),
+        )
+        work.synapses['weight_pa'] = state.weights_pa
+        work.synapses['eligibility'], work.synapses['k_plus'] = state.eligibility, state.k_plus
+        work.arriving_pa[: scalars['delay']] = state.arriving_pa
+        for post in state.history:
+            i = post['source']
+            work.posts[i, work.counts[i]] = post
+            work.counts[i] += 1
+        self._n_flying = len(state.in_flight)
+        self._network = np.zeros(1, NETWORK_DTYPE)
+        self._network[0] = constants[0], scalars, window
+        self._tables = rule.tables
+        self._arguments = (*work, self._network, self._tables)
+
+    @property
+    def weights_pa(self) -> Weights:
+        """Weights now [pA], (n_neurons, n_inputs)."""
+        return self._work.synapses['weight_pa'].copy()
+
+    @property
+    def dopamine(self) -> NDArray[np.float64]:
+        """Dopamine at each neuron's synapses now [1/ms], (n_neurons,); may be written to."""
+        return self._work.dopamine
+
+    @property
+    def state(self) -> PlasticState:
+        """A copy of the state now."""
+        work, rule = self._work, self._network[0]['synapse']
+        history = [posts[:n] for posts, n in zip(work.posts, work.counts, strict=True)]
+        for i, posts in enumerate(history):
+            posts['source'] = i
+        return PlasticState(
+            neurons=work.neurons.copy(),
+            weights_pa=work.synapses['weight_pa'].copy(),
+            eligibility=work.synapses['eligibility'].copy(),
+            k_plus=work.synapses['k_plus'].copy(),
+            dopamine=work.dopamine.copy(),
+            in_flight=work.flying[: self._n_flying].copy(),
+            arriving_pa=work.arriving_pa[: rule['delay']].copy(),
+            history=np.concatenate(history),
+        )
+
+    def run(self, inputs: Spikes) -> Spikes:
+        """Run a window; inputs and what is returned are those of `run_plastic_network`."""
+        needed = self._n_flying + len(inputs)
+        if needed > len(self._work.flying):
+            self._work = self._work._replace(flying=np.resize(self._work.flying, 2 * needed))
+            self._arguments = (*self._work, self._network, self._tables)
+        self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
+        fired: Spikes = self._work.fired[:n_fired].copy()
+        return fired
+
+
+def check_plastic_state(state: PlasticState, like: PlasticState, rule: SynapseRule) -> None:
+    """Check what the kernel relies on, in a state that was stored.
+
+    Args:
+        state: The state, its arrays of the same types as like's.
+        like: A state of the same network.
+        rule: The synapses.
+
+    Raises:
+        CheckpointError: It is not a state of such a network.
+    """
+    n_neurons, n_inputs = like.weights_pa.shape
+    scalars = rule.scalars[0]
+    earliest = -scalars['to_relay'] - scalars['interval']
+    in_flight, history = state.in_flight, state.history
+    stamps = [history['stamp'][history['source'] == i] for i in range(n_neurons)]
+    _expect(state.neurons.shape == like.neurons.shape, f'{n_neurons} neurons')
+    _expect(_is_within(state.weights_pa, scalars['w_min'], scalars['w_max']), 'weights in range')
+    _expect(_is_within(in_flight['source'], 0, n_inputs - 1), 'spikes in flight of its inputs')
+    _expect(_is_within(in_flight['step'], earliest, -1), 'spikes in flight that are still so')
+    _expect(bool((np.diff(in_flight['step']) >= 0).all()), 'spikes in flight in order')
+    _expect(_is_within(history['source'], 0, n_neurons - 1), 'spikes of its neurons')
+    _expect(all(_is_within(s, -np.inf, 0) and (np.diff(s) > 0).all() for s in stamps), 'a past')
+
+
+def _is_within(values: NDArray[Any], low: float, high: float) -> bool:
+    return bool(((values >= low) & (values <= high)).all())
+
+
+def _expect(is_met: bool, what: str) -> None:
+    if not is_met:
+        raise CheckpointError(f'state of the network: expected {what}')

@@ -1,0 +1,333 @@
+"""The kernel of the learning synapses, compiled; `plasticity` says what it solves.
+
+It changes the arrays of a `Workspace` in place: of the time that a window takes, making and
+handing over new arrays would be half.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.spiking.network import (
+    advance_current,
+    advance_potential,
+    CONSTANTS_DTYPE,
+    Neurons,
+    Spikes,
+)
+
+#: A neuron's spike as its synapses remember it: stamp, neuron, K_minus just after it.
+POST_DTYPE = np.dtype([('stamp', '<i8'), ('source', '<i8'), ('k_minus', '<f8')])
+
+#: A synapse: weight, eligibility, K_plus; the time to which it is brought, the index of the
+#: neuron's first spike that it has not met, and when it was last given spikes of its relay.
+SYNAPSE_DTYPE = np.dtype(
+    [
+        ('weight_pa', '<f8'),
+        ('eligibility', '<f8'),
+        ('k_plus', '<f8'),
+        ('time', '<i8'),
+        ('next_post', '<i8'),
+        ('given', '<i8'),
+    ]
+)
+
+#: What synapses have in common, made by `plasticity.synapse_rule`.
+RULE_DTYPE = np.dtype(
+    [
+        ('a_plus', '<f8'),
+        ('a_minus', '<f8'),
+        ('minus_rate', '<f8'),  # 1 / tau_minus [1/grid step]
+        ('w_min', '<f8'),
+        ('w_max', '<f8'),
+        ('to_relay', '<i8'),  # [grid steps]
+        ('delay', '<i8'),  # from a relay to a neuron [grid steps]
+        ('interval', '<i8'),  # [grid steps]
+    ]
+)
+
+#: What a network is made of: its neurons, its synapses, and the length of its windows.
+NETWORK_DTYPE = np.dtype(
+    [('neuron', CONSTANTS_DTYPE), ('synapse', RULE_DTYPE), ('window', '<i8')]  # [grid steps]
+)
+
+Posts = NDArray[np.void]  # of POST_DTYPE, in the order of stamps, (n_spikes,)
+
+
+class Workspace(NamedTuple):
+    """Arrays that a network lives in between windows and while one runs."""
+
+    neurons: Neurons
+    synapses: NDArray[np.void]  # of SYNAPSE_DTYPE, (n_neurons, n_inputs)
+    dopamine: NDArray[np.float64]  # n [1/ms], (n_neurons,)
+    arriving_pa: NDArray[np.float64]  # at the neurons, (window + delay, n_neurons)
+    # Spikes of each neuron that may still pair, in order, (n_neurons, most).
+    posts: NDArray[np.void]
+    flying: Spikes  # of inputs, not yet handed to the synapses
+    fired: Spikes  # by the neurons in the last window
+    counts: NDArray[np.int64]  # how many of each neuron's posts count, (n_neurons,)
+
+
+@numba.njit(cache=True)
+def _pass(synapse: Any, at: int, dopamine: float, rule: Any, tables: Any) -> None:
+    """Take a synapse to a time, also an earlier one, that no spike comes before."""
+    zero, time, c = rule.interval, synapse.time, synapse.eligibility
+    index = zero + at - time  # of the time that passes; zero is the index of none
+    weight = synapse.weight_pa + c * dopamine * tables[zero + time, 1] * tables[index, 3]
+    synapse.weight_pa = min(max(weight, rule.w_min), rule.w_max)
+    synapse.eligibility = c * tables[index, 0]
+    synapse.k_plus *= tables[index, 2]
+    synapse.time = at
+
+
+@numba.njit(cache=True)
+def _meet(synapse: Any, posts: Any, dopamine: float, rule: Any, tables: Any) -> None:
+    """Take a synapse to the next spike of its neuron."""
+    _pass(synapse, posts[synapse.next_post].stamp + rule.delay, dopamine, rule, tables)
+    synapse.eligibility += rule.a_plus * synapse.k_plus
+    synapse.next_post += 1
+
+
+@numba.njit(cache=True)
+def _bring(
+    synapse: Any, to: int, posts: Any, count: int, dopamine: float, rule: Any, tables: Any
+) -> None:
+    """Take a synapse to a time, also an earlier one, by way of the spikes that reach it."""
+    while synapse.time != to:
+        k = synapse.next_post
+        if k < count and posts[k].stamp + rule.delay <= to:
+            _meet(synapse, posts, dopamine, rule, tables)
+        else:
+            _pass(synapse, to, dopamine, rule, tables)
+    while synapse.next_post > 0 and posts[synapse.next_post - 1].stamp + rule.delay > to:
+        synapse.next_post -= 1  # taken back before a spike, the synapse will meet it again
+
+
+@numba.njit(cache=True, inline='always')
+def _meet_all(
+    synapses: Any,
+    met: int,
+    to: int,
+    posts: Any,
+    count: int,
+    dopamine: float,
+    rule: Any,
+    tables: Any,
+) -> int:
+    """Take all synapses of a neuron to its spikes that reach them up to a time.
+
+    It makes no difference to the bits when they are taken there, but spike by spike is quicker
+    than synapse by synapse, as synapses do not wait for each other.
+
+    Returns:
+        How many of the spikes are met, `met` before.
+    """
+    while met < count and posts[met].stamp + rule.delay <= to:
+        for j in range(len(synapses)):
+            while synapses[j].next_post <= met:
+                _meet(synapses[j], posts, dopamine, rule, tables)
+        met += 1
+    return met
+
+
+@numba.njit(cache=True)
+def _k_minus(posts: Any, count: int, time: int, rate: float) -> float:
+    """Return the neuron's trace just before a spike at a time."""
+    k = count - 1
+    while k >= 0 and posts[k].stamp >= time:
+        k -= 1
+    return posts[k].k_minus * math.exp((posts[k].stamp - time) * rate) if k >= 0 else 0.0
+
+
+@numba.njit(cache=True)
+def _forget(posts: Any, count: int, window: int, since: int) -> int:
+    """Keep what the next window must remember: spikes after `since`, and the last before.
+
+    Returns:
+        How many are kept; their stamps count from the window's end.
+    """
+    kept = 0
+    for k in range(count):
+        if posts[k].stamp > since or k + 1 == count or posts[k + 1].stamp > since:
+            posts[kept].stamp = posts[k].stamp - window
+            posts[kept].k_minus = posts[k].k_minus
+            kept += 1
+    return kept
+
+
+@numba.njit(cache=True, inline='always')
+def _hand_over(
+    synapse: Any,
+    stamp: int,
+    now: int,
+    posts: Any,
+    count: int,
+    dopamine: float,
+    rule: Any,
+    tables: Any,
+) -> float:
+    """Give a relay's spike to its synapse, at the end of the interval it lies in.
+
+    Returns:
+        The weight that the spike takes to the neuron.
+    """
+    if synapse.given != now:  # the first of this interval
+        synapse.given = now
+        _bring(synapse, now, posts, count, dopamine, rule, tables)
+    _bring(synapse, stamp, posts, count, dopamine, rule, tables)
+    k_minus = _k_minus(posts, count, stamp - rule.delay, rule.minus_rate)
+    synapse.eligibility -= rule.a_minus * k_minus
+    synapse.k_plus += 1.0
+    weight_pa: float = synapse.weight_pa
+    return weight_pa
+
+
+@numba.njit(cache=True, inline='always')
+def _drive(
+    neuron: Any,
+    arriving: Any,
+    begin: int,
+    end: int,
+    constants: Any,
+    posts: Any,
+    count: int,
+    rate: float,
+) -> int:
+    """Take a neuron over some grid steps; record its spikes and return how many it has now."""
+    potential, current, slope = neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms
+    held, threshold_mv = neuron.refractory, constants.threshold_mv
+    for step in range(begin, end):
+        if held > 0:
+            held -= 1
+        else:
+            potential = advance_potential(potential, current, slope, constants)
+        current, slope = advance_current(current, slope, arriving[step], constants)
+        if potential >= threshold_mv:
+            potential, held = constants.reset_mv, constants.refractory
+            posts[count].k_minus = _k_minus(posts, count, step + 1, rate) + 1.0
+            posts[count].stamp = step + 1
+            count += 1
+    neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms = potential, current, slope
+    neuron.refractory = held
+    return count
+
+
+@numba.njit(cache=True)
+def run(
+    neurons: Neurons,
+    synapses: NDArray[np.void],
+    dopamine: NDArray[np.float64],
+    arriving_pa: NDArray[np.float64],
+    posts: NDArray[np.void],
+    flying: Spikes,
+    fired: Spikes,
+    counts: NDArray[np.int64],
+    network: NDArray[np.void],
+    tables: NDArray[np.float64],
+    n_flying: int,
+    inputs: Spikes,
+) -> tuple[int, int]:
+    """Run a window in a `Workspace`, whose `flying` has room for all inputs.
+
+    After the workspace's arrays come one of `NETWORK_DTYPE` (1,), `SynapseRule.tables`, how many
+    spikes are flying, and what the inputs fire.
+
+    Returns:
+        How many spikes are flying at the window's end, and how many the neurons fired.
+    """
+    constants, rule, window = network[0].neuron, network[0].synapse, network[0].window
+    number = len(neurons)
+    earlier = counts.copy()
+    for k in range(len(inputs)):
+        flying[n_flying + k] = inputs[k]
+    n_flying += len(inputs)
+    handed = 0
+    while handed < n_flying and flying[handed].step + rule.to_relay < window - rule.interval:
+        handed += 1
+    arriving_pa[rule.delay : window + rule.delay] = 0.0
+    for i in range(number):
+        counts[i] = _run_neuron(
+            neurons[i],
+            synapses[i],
+            posts[i],
+            counts[i],
+            flying[:handed],
+            arriving_pa[:, i],
+            dopamine[i],
+            constants,
+            rule,
+            tables,
+            window,
+        )
+    n_fired = _list_fired(posts, earlier, counts, fired)
+    for i in range(number):
+        dopamine[i] *= tables[rule.interval + window, 1]
+        counts[i] = _forget(posts[i], counts[i], window, window - rule.delay - rule.interval)
+    for k in range(rule.delay):
+        arriving_pa[k] = arriving_pa[window + k]
+    for k in range(handed, n_flying):
+        flying[k - handed].step = flying[k].step - window
+        flying[k - handed].source = flying[k].source
+    return n_flying - handed, n_fired
+
+
+@numba.njit(cache=True)
+def _run_neuron(
+    neuron: Any,
+    synapses: Any,
+    posts: Any,
+    count: int,
+    spikes: Any,
+    arriving: Any,
+    dopamine: float,
+    constants: Any,
+    rule: Any,
+    tables: Any,
+    window: int,
+) -> int:
+    """Take a neuron and its synapses through a window; return how many spikes it remembers."""
+    met = 0
+    while met < count and posts[met].stamp + rule.delay <= 0:
+        met += 1
+    for j in range(len(synapses)):
+        synapses[j].time, synapses[j].next_post, synapses[j].given = 0, met, -1
+    handed = 0
+    for begin in range(0, window, rule.interval):
+        met = _meet_all(synapses, met, begin, posts, count, dopamine, rule, tables)
+        while handed < len(spikes) and spikes[handed].step + rule.to_relay < begin:
+            synapse, stamp = (
+                synapses[spikes[handed].source],
+                spikes[handed].step + rule.to_relay + 1,
+            )
+            arriving[stamp - 1 + rule.delay] += _hand_over(
+                synapse, stamp, begin, posts, count, dopamine, rule, tables
+            )
+            handed += 1
+        end = begin + rule.interval
+        count = _drive(neuron, arriving, begin, end, constants, posts, count, rule.minus_rate)
+    _meet_all(synapses, met, window, posts, count, dopamine, rule, tables)
+    for j in range(len(synapses)):
+        _bring(synapses[j], window, posts, count, dopamine, rule, tables)
+    return count
+
+
+@numba.njit(cache=True)
+def _list_fired(posts: Any, earlier: Any, counts: Any, fired: Spikes) -> int:
+    """List the neurons' spikes of this window in the order of grid steps; return how many."""
+    following = earlier.copy()
+    n_fired: int = (counts - earlier).sum()
+    for k in range(n_fired):
+        first = -1
+        for i in range(len(following)):
+            if following[i] < counts[i] and (
+                first < 0 or posts[i, following[i]].stamp < posts[first, following[first]].stamp
+            ):
+                first = i
+        fired[k].step, fired[k].source = posts[first, following[first]].stamp - 1, first
+        following[first] += 1
+    return n_fired
