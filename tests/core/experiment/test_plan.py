@@ -256,10 +256,11 @@ def test_the_experiment_on_rstdp_has_twenty_trainings_and_laps_with_other_seeds(
         ('best', '1', 30_000),
         ('best', '2', 30_000),
         ('best', '3', 30_000),
+        ('c_r_0.03', '3', 30_000),
     }
-    assert len(trained) == 120
+    assert len(trained) == 140
     evaluated = [run.identity['configuration'] for run in plan.runs if run.task == 'evaluate']
-    assert sorted(each['seed'] for each in evaluated) == sorted([*range(1000, 1020)] * 6)
+    assert sorted(each['seed'] for each in evaluated) == sorted([*range(1000, 1020)] * 7)
     for each in evaluated:
         assert each['evaluation']['seeds'] == 3
         assert each['simulator']['episode.max_laps'] == 1
