@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,6 +125,32 @@ class Mounting(NamedTuple):
 
     translation: tuple[float, float, float]  # x, y, z [m]
     orientation: tuple[float, float, float, float]  # quaternion x, y, z, w
+
+
+class CameraModel(Protocol):
+    """What a simulator needs of a camera."""
+
+    @property
+    def parameters(self) -> CameraParameters:
+        """Size of the image, lens and place on the robot."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Focal lengths and principal point, for camera_info."""
+
+    @property
+    def optical_frame(self) -> Mounting:
+        """Place of event_camera_optical_frame: z forward, x right, y down in the image."""
+
+    def render_many(self, poses: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return what is seen from n poses of the body.
+
+        Args:
+            poses: Poses x, y, z [m] and quaternion x, y, z, w, (n, 7).
+
+        Returns:
+            Linear intensities from 0 to 1, (n, height, width), row 0 at the top.
+        """
 
 
 class Camera:

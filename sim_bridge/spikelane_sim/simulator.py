@@ -10,11 +10,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.camera import ANTIALIAS_ROWS, Camera, CameraParameters
+from spikelane_sim.camera import ANTIALIAS_ROWS, Camera, CameraModel, CameraParameters
 from spikelane_sim.contract import (
     LaneState,
     link_rng,
     Observation,
+    Robot,
     RobotState,
     simulator_rng,
     STEP_NS,
@@ -117,8 +118,22 @@ class Simulator:
     seed gives the same observations, bit for bit, whatever was simulated before.
     """
 
-    def __init__(self, parameters: SimulatorParameters | None = None) -> None:
-        """Build the course, the robot and the camera.
+    def __init__(
+        self,
+        parameters: SimulatorParameters | None = None,
+        *,
+        robot: Robot | None = None,
+        camera: CameraModel | None = None,
+    ) -> None:
+        """Build the course, and the robot and the camera where they are not given.
+
+        Args:
+            parameters: All parameters; None for the defaults. Those that a given robot or camera
+                replaces have no effect, except for the robot's limit of wheel velocities and the
+                size of the image, which must be the camera's.
+            robot: The robot; the simulator closes it. Its steps have as many poses as
+                `parameters.pixels` has images in a step.
+            camera: The camera.
 
         Raises:
             SpikelaneError: The course or a combination of parameters cannot be simulated.
@@ -127,10 +142,11 @@ class Simulator:
         self.course = load_course(self.parameters.course)
         self._area = self.course.area(AREA_MARGIN_M)
         self.command_counts = CommandCounts()
-        camera = self.parameters.camera
-        self._pixels = make_pixel_model(self.parameters.pixels, camera.width, camera.height)
-        self._camera = Camera(camera, self.course)
-        self._robot = make_robot(self.parameters.robot, self._pixels.images_per_step)
+        size = self.parameters.camera
+        self._pixels = make_pixel_model(self.parameters.pixels, size.width, size.height)
+        self._camera: CameraModel = camera or Camera(size, self.course)
+        images = self._pixels.images_per_step
+        self._robot = robot or make_robot(self.parameters.robot, images)
         self._link = Link(self.parameters.link)
         self._time_ns = 0
         self._seed = 0
@@ -157,7 +173,7 @@ class Simulator:
         self._robot.close()
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> CameraModel:
         """The camera, for its intrinsics and its place on the robot."""
         return self._camera
 

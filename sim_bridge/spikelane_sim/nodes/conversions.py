@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from simulation_interfaces.msg import EntityState
 from spikelane_msgs.msg import LaneState as LaneStateMessage
 
-from spikelane_sim.camera import Camera
+from spikelane_sim.camera import CameraModel
 from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
 from spikelane_sim.errors import MessageError, PacketError
@@ -154,7 +154,7 @@ def fill_body_transform(message: TransformStamped, robot: RobotState, stamp_ns: 
     rotation.x, rotation.y, rotation.z, rotation.w = robot.orientation
 
 
-def camera_transform(camera: Camera) -> TransformStamped:
+def camera_transform(camera: CameraModel) -> TransformStamped:
     """Return the fixed transform from the body to the camera's optical frame."""
     message = TransformStamped()
     message.header.frame_id = BODY_FRAME
@@ -166,7 +166,7 @@ def camera_transform(camera: Camera) -> TransformStamped:
     return message
 
 
-def camera_info(camera: Camera) -> CameraInfo:
+def camera_info(camera: CameraModel) -> CameraInfo:
     """Return the pinhole camera's calibration; the stamp is left to the caller."""
     fx, fy, cx, cy = camera.intrinsics
     message = CameraInfo()
