@@ -7,7 +7,6 @@ kinds, and checked in one place before anything is computed with it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-import math
 import types
 from typing import Any, get_args, get_origin, get_type_hints, is_typeddict, Union
 
@@ -24,6 +23,8 @@ _WORDS = {
     type(None): 'nothing',
 }
 _LARGEST = 2**63  # of whole numbers
+#: Of numbers: no quantity comes near it, and its square is still a number.
+_BEYOND = 1e100
 
 
 class KindError(SpikelaneError):
@@ -37,7 +38,7 @@ def check_kind(value: Any, kind: Any, name: str = '') -> Any:
 
     Args:
         value: As a parser has made it: of dicts, lists, texts, numbers and None.
-        kind: What it must be: bool, int (of 64 bits), float (finite, or such a whole number),
+        kind: What it must be: bool, int (of 64 bits), float (below 1e100, or such a whole number),
             str, None, Any, `list[kind]`, `dict[str, kind]`, a union of these, a TypedDict (a
             mapping with its fields, perhaps with others), or a NamedTuple (a mapping with its
             fields and no others; those with a default may be missing).
@@ -82,7 +83,7 @@ def _is_plain(value: Any, kind: Any) -> bool:
     if isinstance(value, int):
         return kind in (int, float) and abs(value) < _LARGEST
     if isinstance(value, float):
-        return kind is float and math.isfinite(value)
+        return kind is float and abs(value) < _BEYOND  # NaN neither
     return kind is str and isinstance(value, str)
 
 

@@ -84,6 +84,7 @@ def _finished(folder: Path, task: str, metrics: dict[str, Any]) -> list[Status]:
         ),
         ('train', {'solved_by': None}, 'steps: expected a whole number, got none'),
         ('train', {'steps': 10**400}, 'expected whole numbers of at most 64 bits'),
+        ('train', {'steps': 10, 'episodes': 1e308}, r'episodes: expected a number, got 1e\+308'),
         ('evaluate', {'laps': 3}, 'laps: expected a list, got 3'),
         ('evaluate', {'laps': [{**_LAP, 'seed': {}}]}, r'laps\[0\]\.seed: expected a whole'),
         ('evaluate', {'laps': [{**_LAP, 'lap_time_s': None}]}, r'laps\[0\]\.lap_time_s: expected'),

@@ -62,6 +62,7 @@ def test_a_value_of_the_kind_is_returned(value: Any, kind: Any) -> None:
         ({'points': [{'x': 1, 'z': 2}]}, r'points\[0\].z: expected one of x, y'),
         ({'share': 'a'}, "share: expected a number or nothing, got 'a'"),
         ({'share': float('nan')}, 'share: expected a number or nothing, got nan'),
+        ({'share': -1e100}, r'share: expected a number or nothing, got -1e\+100'),
         ({'share': float('inf')}, 'share: expected a number or nothing, got inf'),
         ({'others': {2: 1}}, 'others.2: expected names for keys, got 2'),
     ],

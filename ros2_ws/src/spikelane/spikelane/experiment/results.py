@@ -11,6 +11,7 @@ from spikelane.experiment.runner import Status
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, time_statistics
 from spikelane.summary import check_lap_time, summarise_by_lane, SummarisedLap
+from spikelane_sim.kinds import check_kind
 
 #: Metrics that are no results of a run, or not comparable.
 _NOT_MEASURED = ('seed', 'seeds', 'wall_time_s')
@@ -104,7 +105,7 @@ def _groups(statuses: Sequence[Status]) -> list[dict[str, Any]]:
 def _group(members: Sequence[Status]) -> dict[str, Any]:
     kind = _METRICS.get(members[0].run.task, dict[str, Any])
     found = [
-        status.folder.read_metrics(kind, _check_lap_times)
+        status.folder.read_metrics(kind, _check_metrics)
         for status in members
         if status.folder is not None
     ]
@@ -135,7 +136,10 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
     return group
 
 
-def _check_lap_times(metrics: Mapping[str, Any]) -> None:
+def _check_metrics(metrics: Mapping[str, Any]) -> None:
+    for name, value in metrics.items():
+        if _is_measured(name, value):
+            check_kind(value, float, name)
     for number, lap in enumerate(metrics.get('laps', ())):
         check_lap_time(lap, f'laps[{number}].')
 
