@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 from spikelane.experiment.worker import LOG, ONE_THREAD
 
 _LAST_CHARACTERS = 4000
+_FULL_BYTES = 1_000_000  # left at most on a disk that counts as full
 
 #: A worker that was told to end puts things in order first, and says so as shells do.
 _ENDED_BY_SIGNAL = (128 + signal.SIGINT, 128 + signal.SIGTERM)
@@ -85,6 +86,7 @@ def ended_run(name: str, status: int, folder: Path) -> Ended:
 
 
 def _silent(status: int, folder: Path) -> str:
-    """Say how a process ended that has left no reason; on a full disk it cannot."""
+    """Say how a process ended that has left no reason, as on a full disk it cannot."""
     free = shutil.disk_usage(folder).free
-    return f'ended with status {status}, nothing in {folder / LOG}, {free:,} bytes of disk left'
+    full = '' if free > _FULL_BYTES else f': {folder / LOG} is empty, {free:,} bytes of disk left'
+    return f'ended with status {status}{full}'
