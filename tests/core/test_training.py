@@ -20,10 +20,10 @@ from spikelane.run_folder import RunFolder
 from spikelane.training import make_config, make_training, train, TrainConfig
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.learning.results import TrainingResults
-from spikelane_controllers.learning.training import Termination, Training
+from spikelane_controllers.learning.training import Termination, Training, TrainingParameters
 from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
 from spikelane_sim.contract import WheelVelocities
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 #: Uneven weights that lead off the lane soon: short episodes, ended in either way.
@@ -418,3 +418,23 @@ def test_a_checkpoint_that_cannot_be_used_is_refused(
         error = capsys.readouterr().err
         assert message in error
         assert error.count('\n') == 1
+
+
+def test_the_trainings_own_parameters_are_a_group_like_any_other() -> None:
+    """Its length can be given as an option too, but not in both ways."""
+
+    def training_of(steps: int | None = None, **parameters: int) -> TrainingParameters:
+        """Return what a training of R-STDP is made from; __ stands for a dot."""
+        given = {name.replace('__', '.'): value for name, value in parameters.items()}
+        return make_config('1', 'rstdp', 1, 'inprocess', given, steps).training
+
+    assert training_of(training__save_every=50) == TrainingParameters(save_every=50)
+    assert training_of(90) == training_of(training__steps=90) == TrainingParameters(steps=90)
+    both = 'training.steps: expected either --steps or the parameter, got both'
+    with pytest.raises(ParameterError, match=both):
+        training_of(90, training__steps=90)
+    with pytest.raises(ParameterError, match=r'training: save_every: .* from 1 .*, got 0'):
+        training_of(training__save_every=0)
+    known = r'expected simulator\.<name> or rstdp\.<name> or training\.<name>'
+    with pytest.raises(ParameterError, match=known):
+        training_of(trainings__steps=90)

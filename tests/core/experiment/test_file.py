@@ -227,3 +227,15 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     """With the reason."""
     with pytest.raises(ExperimentError, match=r'/some\.yaml: cannot be read: No such file'):
         read_experiment(tmp_path / 'some.yaml')
+
+
+def test_a_training_can_be_saved_more_often_in_a_variant(tmp_path: Path) -> None:
+    """Its parameters are a group like any other, where there is a training."""
+    text = (
+        'name: a\nmatrix:\n  controllers: [rstdp]\n'
+        '  variants: {often: {training.save_every: 50}}\n  tasks: {TASK: {}}\n'
+    )
+    (block,) = read(tmp_path, text.replace('TASK', 'train')).blocks
+    assert block.axes == {'variants': {'often': {'training.save_every': 50}}}
+    with pytest.raises(ExperimentError, match=r'training\.save_every'):
+        read(tmp_path, text.replace('TASK', 'evaluate'))

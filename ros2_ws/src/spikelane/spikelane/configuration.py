@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import dataclasses
 from typing import Any, Protocol, TypedDict
 
@@ -74,7 +74,12 @@ class ConfigurationParts(TypedDict):
 
 
 def configure(
-    scenario: str, controller: str, seed: int, transport: str, parameters: Mapping[str, Any]
+    scenario: str,
+    controller: str,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+    others: Sequence[str] = (),
 ) -> ConfigurationParts:
     """Check what determines a run.
 
@@ -85,13 +90,19 @@ def configure(
         transport: As in Configuration.
         parameters: Others than the defaults, as `simulator.camera.fov_deg` and
             `braitenberg.poisson.max_rate_hz`.
+        others: Names of further groups that parameters may be in; they are left to the caller.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
     cls = controller_class(controller).parameters_class
     groups = parameter_groups(
-        parameters, {'simulator': {'course': scenario_course(scenario)}, controller: {}}
+        parameters,
+        {
+            'simulator': {'course': scenario_course(scenario)},
+            controller: {},
+            **{name: {} for name in others},
+        },
     )
     check_seed(seed)
     simulator = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')

@@ -40,11 +40,15 @@ from spikelane_controllers.registry import (
 )
 from spikelane_sim.contract import controller_rng
 from spikelane_sim.course import course_label
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.simulator import Simulator
 
 #: What the names of the simulator's parameters begin with.
 _SIMULATOR = 'simulator.'
+#: What those of the training begin with.
+_TRAINING = 'training.'
+_STEPS = 'training.steps'
 
 
 def training_defaults(controller: str) -> Mapping[str, Any]:
@@ -103,8 +107,9 @@ def make_config(
         controller: As in Configuration, one that learns.
         seed: As in Configuration.
         transport: As in Configuration.
-        parameters: Others than the defaults of training.
-        steps: To drive, as the controller's training counts them; None for as many as usual.
+        parameters: Others than the defaults of training; those of its length and its checkpoints
+            are in the group `training`.
+        steps: Value of `training.steps`; None for as many as usual, or as in the parameters.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
@@ -112,9 +117,22 @@ def make_config(
     cls = training_class(controller).parameters_class
     known = controller_class(controller).parameters_class.specs()
     check_learning_parameters(controller, {spec.name: spec for spec in known})
-    parameters = {**training_defaults(controller), **parameters}
-    parts = configure(scenario, controller, seed, transport, parameters)
-    return TrainConfig(training=cls() if steps is None else cls(steps=steps), **parts)
+    if steps is not None and _STEPS in parameters:
+        raise ParameterError(f'{_STEPS}: expected either --steps or the parameter, got both')
+    given = {
+        **training_defaults(controller),
+        **parameters,
+        **({} if steps is None else {_STEPS: steps}),
+    }
+    own = {
+        name.removeprefix(_TRAINING): value
+        for name, value in given.items()
+        if name.startswith(_TRAINING)
+    }
+    return TrainConfig(
+        training=cls.from_mapping(own, 'training'),
+        **configure(scenario, controller, seed, transport, given, ('training',)),
+    )
 
 
 def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:

@@ -32,6 +32,7 @@ from spikelane_controllers.registry import (
     card,
     controller_class,
     training_card,
+    training_class,
     transfer_card,
     transfer_class,
 )
@@ -218,6 +219,13 @@ def _groups_of_transfer(controller: str) -> Mapping[str, type[Parameters]]:
     }
 
 
+def _groups_of_training(controller: str) -> Mapping[str, type[Parameters]]:
+    return {
+        **controller_groups(controller),
+        'training': training_class(controller).parameters_class,
+    }
+
+
 def _learns(controller: str) -> bool:
     names = {spec.name for spec in controller_class(controller).parameters_class.specs()}
     return 'learning' in names
@@ -234,7 +242,7 @@ TASKS: Mapping[str, Task] = {
         options=TrainOptions,
         is_of_conditions=False,
         is_for=_learns,
-        groups=controller_groups,
+        groups=_groups_of_training,
         needs=lambda controller: (),
         must_have_need=False,
         requires=lambda controller: training_card(controller).requires,

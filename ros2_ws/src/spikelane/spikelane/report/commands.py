@@ -20,6 +20,9 @@ from spikelane_sim.course import scenario_course
 from spikelane_sim.parsing import parse_yaml
 from spikelane_sim.simulator import SimulatorParameters
 
+#: Parameters that a command has options for, which are always given.
+_TOLD = (('simulator', 'course'), ('training', 'steps'))
+
 _FLAGS = {'simulator.robot.model': '--robot', 'simulator.pixels.model': '--pixels'}
 
 
@@ -116,14 +119,14 @@ def _key(config: Mapping[str, Any]) -> tuple[str, str]:
 
 def _given(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return all parameters under their names; those of a run are in its groups."""
-    groups = ['simulator', str(config.get('controller', ''))]
+    groups = ['simulator', str(config.get('controller', '')), 'training']
     if 'transfer' in config:
         groups += transfer_class(transferred_controller(config)).parameters_classes
     return {
         f'{group}.{name}': value
         for group in groups
         for name, value in config.get(group, {}).items()
-        if name != 'course'
+        if (group, name) not in _TOLD
     }
 
 
