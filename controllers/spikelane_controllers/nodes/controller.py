@@ -25,7 +25,7 @@ from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Count
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
 from spikelane_controllers.shown import shown_by
-from spikelane_sim import messages
+from spikelane_sim import messages, topic_names
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
@@ -35,14 +35,12 @@ from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.recorder_window import RecorderWindow
-from spikelane_sim.nodes.recorder_window import TOPIC as RECORDER_STATE
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
-EVENTS = 'event_camera/events'
 RELIABILITIES = {
     'auto': ReliabilityPolicy.RELIABLE,  # until a publisher is met that is not
     'reliable': ReliabilityPolicy.RELIABLE,
@@ -119,10 +117,10 @@ class ControllerNode(Node):
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
         kept = QoSProfile(depth=self._settings.history_depth)
-        self._states = self.create_publisher(ControllerState, 'controller/state', kept)
+        self._states = self.create_publisher(ControllerState, topic_names.CONTROLLER_STATE, kept)
         self._wheels = self.create_publisher(
             WheelVelocities,
-            'wheel_velocities',
+            topic_names.WHEELS,
             kept,
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._on_match()),
         )
@@ -184,7 +182,7 @@ class ControllerNode(Node):
         if self._settings.use_lane_state:
             self._observations.subscribe(
                 LaneState,
-                'lane/state',
+                topic_names.LANE_STATE,
                 self._on_lane_state,
                 RELIABLE_10,
                 is_companion=True,
@@ -196,7 +194,7 @@ class ControllerNode(Node):
             )
         self._observations.subscribe(
             EventPacket,
-            EVENTS,
+            topic_names.EVENTS,
             self._on_packet,
             self._events_qos(),
             event_callbacks=callbacks,
@@ -205,7 +203,7 @@ class ControllerNode(Node):
         if self._window.is_used:
             self._observations.subscribe(
                 RecorderState,
-                RECORDER_STATE,
+                topic_names.RECORDER_STATE,
                 self._on_recorder,
                 LATCHED,
                 is_companion=True,
@@ -224,7 +222,7 @@ class ControllerNode(Node):
             self.create_timer(_LOOK_PERIOD_S, self._look_at_publishers, clock=steady)
         self._diagnostics = ControllerDiagnostics(
             self,
-            EVENTS,
+            topic_names.EVENTS,
             self._sensor,
             lambda: Counts(self._received, self._lane_states, self._steps),
             self._lacks,
@@ -238,35 +236,38 @@ class ControllerNode(Node):
         """
         offered = {
             info.qos_profile.reliability
-            for info in self.get_publishers_info_by_topic(self.resolve_topic_name(EVENTS))
+            for info in self.get_publishers_info_by_topic(
+                self.resolve_topic_name(topic_names.EVENTS)
+            )
         }
         wanted = ReliabilityPolicy.RELIABLE
         if ReliabilityPolicy.BEST_EFFORT in offered:
             wanted = ReliabilityPolicy.BEST_EFFORT
         if wanted != self._reliability:
             self._reliability = wanted
-            self._observations.renew(EVENTS, self._events_qos())
+            self._observations.renew(topic_names.EVENTS, self._events_qos())
             self.get_logger().info(
-                f'{EVENTS}: subscribed {wanted.name.lower()}, as the publishers offer'
+                f'{topic_names.EVENTS}: subscribed {wanted.name.lower()}, as the publishers offer'
             )
 
     def _lacks(self) -> str:
         """Return what was received and what is lacking for the next step."""
-        publishers = self.count_publishers(EVENTS)
+        publishers = self.count_publishers(topic_names.EVENTS)
         received = f'received {self._received} event packets'
         if self._settings.use_lane_state:
             received += f' and {self._lane_states} lane states'
         received += f', answered {self._steps} steps'
         if publishers == 0:
-            lacks = f'{EVENTS} has no publisher'
+            lacks = f'{topic_names.EVENTS} has no publisher'
         elif self._received == 0 or self._steps:
             lacks = (
                 f'no event packet that completes a step arrives from {publishers} publishers of '
-                f'{EVENTS}'
+                f'{topic_names.EVENTS}'
             )
         elif self._settings.use_lane_state:
+            lanes = topic_names.LANE_STATE
             lacks = (
-                f'no lane/state ({self.count_publishers("lane/state")} publishers) has the stamp '
+                f'no {lanes} ({self.count_publishers(lanes)} publishers) has the stamp '
                 'of a packet; a camera publishes no lane states: use_lane_state:=false'
             )
         else:
@@ -322,12 +323,12 @@ class ControllerNode(Node):
 
     def _report_fault(self, reason: str) -> None:
         self.get_logger().error(
-            f'event_camera/events: {reason}; taken as empty', throttle_duration_sec=1.0
+            f'{topic_names.EVENTS}: {reason}; taken as empty', throttle_duration_sec=1.0
         )
 
     def _report_lost(self, count: int) -> None:
         self.get_logger().warning(
-            f'event_camera/events: {count} packets were lost', throttle_duration_sec=1.0
+            f'{topic_names.EVENTS}: {count} packets were lost', throttle_duration_sec=1.0
         )
 
     def _on_match(self) -> None:

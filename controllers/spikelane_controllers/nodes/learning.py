@@ -24,7 +24,7 @@ from spikelane_controllers.learning.training import Training
 from spikelane_controllers.nodes.controller import ControllerNode
 from spikelane_controllers.registry import controller_class, training_class
 from spikelane_controllers.shown import shown_by
-from spikelane_sim import messages
+from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
@@ -74,7 +74,7 @@ class LearningNode(ControllerNode):
             )
 
     def _make_driver(self, name: str) -> Controller:
-        self._weights = self.create_publisher(Weights, 'controller/weights', _WEIGHTS)
+        self._weights = self.create_publisher(Weights, topic_names.WEIGHTS, _WEIGHTS)
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
         check_learning_parameters(name, specs)
         if declare_parameter(self, specs['learning']):

@@ -15,17 +15,13 @@ from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 from std_msgs.msg import Float64MultiArray
 
-from spikelane_sim import messages
+from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import MessageError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.robots import RobotParameters
 from spikelane_sim.stepper import Stepper
-
-WHEELS = 'wheel_velocities'
-WHEEL_ARRAY = 'wheel_velocity_controller/commands'
-TWIST = 'cmd_vel'
 
 
 class Commands:
@@ -54,7 +50,7 @@ class Commands:
         self._notice = notice
         self._direct = direct
         self._direct.subscribe(
-            WheelVelocitiesMessage, WHEELS, self._on_wheels, QoSProfile(depth=10)
+            WheelVelocitiesMessage, topic_names.WHEELS, self._on_wheels, QoSProfile(depth=10)
         )
         self._invalid = 0
         self._ignored = 0  # at the last report
@@ -66,9 +62,11 @@ class Commands:
         Args:
             is_stamped: Whether `cmd_vel` is a TwistStamped instead of a Twist.
         """
-        self._node.create_subscription(Float64MultiArray, WHEEL_ARRAY, self._on_array, 10)
+        self._node.create_subscription(
+            Float64MultiArray, topic_names.WHEEL_ARRAY, self._on_array, 10
+        )
         kind = TwistStamped if is_stamped else Twist
-        self._node.create_subscription(kind, TWIST, self._on_twist, 10)
+        self._node.create_subscription(kind, topic_names.TWIST, self._on_twist, 10)
 
     def start(self) -> None:
         """Begin to take commands."""
@@ -125,15 +123,16 @@ class Commands:
 
     def _on_wheels(self, message: WheelVelocitiesMessage) -> None:
         stamp_ns = messages.to_stamp_ns(message.header.stamp)
-        self._take(WHEELS, stamp_ns, messages.wheels_from_message(message))
+        self._take(topic_names.WHEELS, stamp_ns, messages.wheels_from_message(message))
         self._notice()
 
     def _on_array(self, message: Float64MultiArray) -> None:
         if len(message.data) == len(conversions.WHEEL_JOINTS):
-            self._take(WHEEL_ARRAY, None, WheelVelocities(*message.data))
+            self._take(topic_names.WHEEL_ARRAY, None, WheelVelocities(*message.data))
             return
         self._refuse(
-            f'{WHEEL_ARRAY}: expected [left, right] in rad/s, got {len(message.data)} values'
+            f'{topic_names.WHEEL_ARRAY}: expected [left, right] in rad/s, '
+            f'got {len(message.data)} values'
         )
 
     def _on_twist(self, message: Twist | TwistStamped) -> None:
@@ -143,11 +142,11 @@ class Commands:
             try:
                 messages.to_stamp_ns(message.header.stamp)
             except MessageError as error:
-                self._refuse(f'{TWIST}: {error}')
+                self._refuse(f'{topic_names.TWIST}: {error}')
                 return
         robot = self._robot
         wheels = conversions.wheels_from_twist(twist, robot.wheel_radius_m, robot.track_m)
-        self._take(TWIST, None, wheels)
+        self._take(topic_names.TWIST, None, wheels)
 
     def _take(self, topic: str, stamp_ns: int | None, wheels: WheelVelocities) -> None:
         self._taken.add(topic)

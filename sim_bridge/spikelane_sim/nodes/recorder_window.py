@@ -12,8 +12,6 @@ from collections.abc import Callable, Mapping
 
 from spikelane_msgs.msg import RecorderState
 
-TOPIC = '/recorder/state'
-
 #: Steps after which it is worth telling, and looking, what the recorder has written.
 NEWS_STEPS = 100
 

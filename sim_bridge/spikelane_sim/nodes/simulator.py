@@ -10,12 +10,12 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from spikelane_msgs.msg import RecorderState
 
+from spikelane_sim import topic_names
 from spikelane_sim.contract import Observation, STEP_S
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.recorder_window import RecorderWindow
-from spikelane_sim.nodes.recorder_window import TOPIC as RECORDER_STATE
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
@@ -108,7 +108,7 @@ class SimulatorNode(Node):
             Publish(
                 self._publish,
                 self._has_subscribers,
-                lambda: self.count_publishers('wheel_velocities') > 0,
+                lambda: self.count_publishers(topic_names.WHEELS) > 0,
             ),
             seed=settings.seed,
             lane=settings.lane or None,
@@ -122,7 +122,7 @@ class SimulatorNode(Node):
         if self._window.is_used:
             self._direct.subscribe(
                 RecorderState,
-                RECORDER_STATE,
+                topic_names.RECORDER_STATE,
                 self._on_recorder,
                 LATCHED,
                 is_companion=True,
@@ -163,7 +163,7 @@ class SimulatorNode(Node):
         """
         is_awaited = self._stepper.is_awaited
         is_cut_short = self._stepper.quit()
-        is_driven = self._settings.mode == 'lockstep' and self.count_publishers('wheel_velocities')
+        is_driven = self._settings.mode == 'lockstep' and self.count_publishers(topic_names.WHEELS)
         if is_awaited or (is_cut_short and is_driven):
             lane = self._simulator.lane_state
             self.get_logger().warning(
@@ -221,17 +221,18 @@ class SimulatorNode(Node):
             self.get_logger().warning(
                 f'waiting for the recorder: it has not written the last '
                 f'{self._window.steps_ahead} steps; '
-                f'{self.count_publishers(RECORDER_STATE)} publishers of {RECORDER_STATE} are there'
+                f'{self.count_publishers(topic_names.RECORDER_STATE)} publishers of '
+                f'{topic_names.RECORDER_STATE} are there'
             )
         elif self._stepper.lacks_subscribers:
             self.get_logger().warning(
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '
-                f'event_camera/events; {self._topics.event_subscribers} are there'
+                f'{topic_names.EVENTS}; {self._topics.event_subscribers} are there'
             )
         elif self._stepper.is_waiting:
             self.get_logger().warning(
-                f'waiting for wheel_velocities with stamp {self._simulator.time_ns} ns; '
-                f'{self.count_publishers("wheel_velocities")} publishers are there'
+                f'waiting for {topic_names.WHEELS} with stamp {self._simulator.time_ns} ns; '
+                f'{self.count_publishers(topic_names.WHEELS)} publishers are there'
             )
 
 

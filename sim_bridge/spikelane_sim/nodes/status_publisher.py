@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from spikelane_sim import topic_names
+
 #: Messages, about one a second: a drive waits for a recorder for up to 10 minutes.
 _DEPTH = 1000
 
@@ -24,7 +26,7 @@ class StatusPublisher:
         """
         self._node = node
         self._name, self._hardware_id = name, hardware_id
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', _DEPTH)
+        self._publisher = node.create_publisher(DiagnosticArray, topic_names.DIAGNOSTICS, _DEPTH)
 
     def publish(self, message: str, values: Mapping[str, object], *, is_worrying: bool) -> None:
         """Publish the state.

@@ -19,6 +19,7 @@ from spikelane_msgs.msg import LaneState as LaneStateMessage
 from std_msgs.msg import Float64, String
 from tf2_msgs.msg import TFMessage
 
+from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.audience import Audience
@@ -60,22 +61,22 @@ class SimulatorTopics:
         self._sent: dict[Publisher, int] = {}
         self._audience = Audience()
         self._make_messages(simulator)
-        self._tf_static = node.create_publisher(TFMessage, '/tf_static', LATCHED)
+        self._tf_static = node.create_publisher(TFMessage, topic_names.TF_STATIC, LATCHED)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
         publish = partial(self._publisher, node, QoSProfile(depth=depth))
         self._optional = (
-            (publish(Clock, '/clock'), self._fill_clock),
-            (publish(TFMessage, '/tf'), self._fill_tf),
-            (publish(Odometry, 'ground_truth/odom'), self._fill_odometry),
-            (publish(JointState, 'joint_states'), self._fill_joint_state),
-            (publish(Float64, 'lane/distance'), self._fill_distance),
-            (publish(CameraInfo, 'event_camera/camera_info'), self._fill_camera_info),
-            (publish(Image, 'event_camera/image_raw'), self._fill_image),
-            (publish(LaneStateMessage, 'lane/state'), self._fill_lane_state),
+            (publish(Clock, topic_names.CLOCK), self._fill_clock),
+            (publish(TFMessage, topic_names.TF), self._fill_tf),
+            (publish(Odometry, topic_names.ODOMETRY), self._fill_odometry),
+            (publish(JointState, topic_names.JOINT_STATES), self._fill_joint_state),
+            (publish(Float64, topic_names.LANE_DISTANCE), self._fill_distance),
+            (publish(CameraInfo, topic_names.CAMERA_INFO), self._fill_camera_info),
+            (publish(Image, topic_names.IMAGE), self._fill_image),
+            (publish(LaneStateMessage, topic_names.LANE_STATE), self._fill_lane_state),
         )
         self._events = node.create_publisher(
             EventPacket,
-            'event_camera/events',
+            topic_names.EVENTS,
             QoSProfile(depth=depth),
             event_callbacks=PublisherEventCallbacks(
                 matched=lambda _: on_match(self._audience.has_grown(self.event_subscribers))

@@ -11,6 +11,7 @@ from launch.actions import OpaqueFunction
 from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
 from spikelane_controllers.registry import controller_names, usual_controller, usual_training
+from spikelane_sim import topic_names
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -64,7 +65,10 @@ def start(context: LaunchContext) -> list:
         for name in names
     ]
     facts = {key: arguments.text(key) for key in ('controllers', 'scenario', 'seed')}
-    topics = ['/diagnostics', *(topic for name in names for topic in graph.in_namespace(name))]
+    topics = [
+        topic_names.DIAGNOSTICS,
+        *(topic for name in names for topic in graph.in_namespace(name)),
+    ]
     recording = [graph.recorder(arguments, facts, topics)] if is_recorded else []
     viewing = [graph.viewer({}, names[0])] if is_viewed else []
     ending = graph.end_in_order(pairs, recording, viewing)

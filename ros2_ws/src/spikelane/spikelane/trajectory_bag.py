@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 from spikelane.step_messages import LaneStates, StepMessages
 from spikelane.trajectory import Trajectory, TrajectoryError
+from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, MessageError, PacketError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns, wheels_from_message
 
-LANE_STATE = '/lane/state'
-ODOMETRY = '/ground_truth/odom'
-WHEELS = '/wheel_velocities'
-EVENTS = '/event_camera/events'
+LANE_STATE = f'/{topic_names.LANE_STATE}'
+ODOMETRY = f'/{topic_names.ODOMETRY}'
+WHEELS = f'/{topic_names.WHEELS}'
+EVENTS = f'/{topic_names.EVENTS}'
 
 
 class _Recorded(NamedTuple):

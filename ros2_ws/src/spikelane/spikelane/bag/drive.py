@@ -15,6 +15,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from spikelane.bag.foreign import legacy_hint
 from spikelane.bag.source import BagSource, Faults, SourceMessage
+from spikelane_sim import topic_names
 from spikelane_sim.codecs import DECODABLE
 from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.errors import BagError, MessageError
@@ -33,9 +34,6 @@ WHEEL_VELOCITIES = 'spikelane_msgs/msg/WheelVelocities'
 EVENT_TYPES = (EVENT_PACKET, OLD_EVENT_PACKET)
 TYPES = (*EVENT_TYPES, LANE_STATE, WHEEL_VELOCITIES)
 
-EVENTS_TOPIC = 'event_camera/events'
-LANE_TOPIC = 'lane/state'
-WHEELS_TOPIC = 'wheel_velocities'
 
 #: Packets overtake each other by less; a number further back is of a driver started again.
 _OVERTAKEN = 100
@@ -142,10 +140,10 @@ class RecordedDrive:
                 f'{path}: {self.events_topic}: expected events encoded as one of '
                 f'{", ".join(DECODABLE)}, got {encoding!r}'
             )
-        prefix = self.events_topic.removesuffix(EVENTS_TOPIC)
+        prefix = self.events_topic.removesuffix(topic_names.EVENTS)
         prefix = prefix if prefix != self.events_topic else '/'
-        self._lanes = lanes.get(prefix + LANE_TOPIC, {})
-        self._wheels = wheels.get(prefix + WHEELS_TOPIC, {})
+        self._lanes = lanes.get(prefix + topic_names.LANE_STATE, {})
+        self._wheels = wheels.get(prefix + topic_names.WHEELS, {})
         self.has_lane, self.has_wheels = bool(self._lanes), bool(self._wheels)
         self._note_what_is_missing(prefix)
         found = marks[self.events_topic]
@@ -212,7 +210,7 @@ class RecordedDrive:
             ) from None
 
     def _choose(self, asked: str | None, marks: Mapping[str, Sequence[_Mark]]) -> str:
-        usual = asked or f'/{EVENTS_TOPIC}'
+        usual = asked or f'/{topic_names.EVENTS}'
         if usual in marks:
             return usual
         if asked is None and len(marks) == 1:
@@ -256,9 +254,11 @@ class RecordedDrive:
 
     def _note_what_is_missing(self, prefix: str) -> None:
         if not self.has_lane:
-            self.notes.append(f'no {prefix}{LANE_TOPIC}: one episode, distances unknown')
+            self.notes.append(
+                f'no {prefix}{topic_names.LANE_STATE}: one episode, distances unknown'
+            )
         if not self.has_wheels:
-            self.notes.append(f'no {prefix}{WHEELS_TOPIC}: nothing to compare with')
+            self.notes.append(f'no {prefix}{topic_names.WHEELS}: nothing to compare with')
 
     def _note_lost(self) -> None:
         pairs = zip(self._order, self._order[1:], strict=False)

@@ -22,11 +22,12 @@ from spikelane.executables import executables
 from spikelane.nodes.lap import RECORDED_DEPTH, recorder_windows, TOPICS
 from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
+from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import ParseError, read_yaml_file
 
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
-_GLOBAL_TOPICS = ('/clock', '/tf', '/tf_static')
+_GLOBAL_TOPICS = (topic_names.CLOCK, topic_names.TF, topic_names.TF_STATIC)
 
 
 class Arguments:
@@ -225,7 +226,7 @@ def end_in_order(
 
 def in_namespace(namespace: str) -> list[str]:
     """Return the topics to record of the nodes in a namespace."""
-    return [f'/{namespace}{topic}' for topic in TOPICS if topic != '/diagnostics']
+    return [f'/{namespace}{topic}' for topic in TOPICS if topic != topic_names.DIAGNOSTICS]
 
 
 def _end(node: Node) -> EmitEvent:

@@ -22,6 +22,7 @@ from spikelane.executables import find_executable
 from spikelane.interruption import check
 from spikelane.processes import ProcessError, Processes
 from spikelane.run_folder import RunFolder
+from spikelane_sim import topic_names
 from spikelane_sim.files import write_yaml
 from spikelane_sim.nodes.network import network_variables, PROFILE, RANGE
 
@@ -145,7 +146,9 @@ class Supervisor:
         self._executor.add_node(self.node)
         self.values: Mapping[str, str] = {}
         self._is_quitting = False
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.node.create_subscription(
+            DiagnosticArray, topic_names.DIAGNOSTICS, self._on_diagnostics, 10
+        )
 
     def __enter__(self) -> Supervisor:
         """Return the supervisor; leaving the block ends it."""

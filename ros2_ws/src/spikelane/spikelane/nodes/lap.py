@@ -16,6 +16,7 @@ from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
+from spikelane_sim import topic_names
 
 LAST_ANSWER_S = 5.0
 #: Messages that publishers keep for a recorder; see `recorder_windows`.
@@ -24,18 +25,18 @@ _NEXT_EPISODE = -1  # in place of a seed: go on with the one before
 
 #: Recorded in this order; the recorder being matched to the last of a node means to all.
 TOPICS = (
-    '/tf_static',
+    topic_names.TF_STATIC,
     '/robot_description',
-    '/clock',
-    '/tf',
-    '/ground_truth/odom',
-    '/lane/state',
-    '/lane/distance',
-    '/diagnostics',
-    '/controller/weights',  # of a learnt controller
-    '/controller/state',
-    '/event_camera/events',
-    '/wheel_velocities',
+    topic_names.CLOCK,
+    topic_names.TF,
+    f'/{topic_names.ODOMETRY}',
+    f'/{topic_names.LANE_STATE}',
+    f'/{topic_names.LANE_DISTANCE}',
+    topic_names.DIAGNOSTICS,
+    f'/{topic_names.WEIGHTS}',  # of a learnt controller
+    f'/{topic_names.CONTROLLER_STATE}',
+    f'/{topic_names.EVENTS}',
+    f'/{topic_names.WHEELS}',
 )
 
 

@@ -15,6 +15,7 @@ from event_camera_msgs.msg import EventPacket
 from rclpy.node import Node
 from spikelane_msgs.msg import LaneState, WheelVelocities
 
+from spikelane_sim import topic_names
 from spikelane_sim.nodes.running import run_node
 
 
@@ -29,9 +30,9 @@ class Ping(Node):
         self._packet = EventPacket(width=128, height=128, encoding='evt3')
         self._packet.events = array('B', bytes(size))
         self._lane = LaneState(lane='outer', section='A')
-        self._packets = self.create_publisher(EventPacket, 'event_camera/events', 10)
-        self._lanes = self.create_publisher(LaneState, 'lane/state', 10)
-        self.create_subscription(WheelVelocities, 'wheel_velocities', self._on_answer, 10)
+        self._packets = self.create_publisher(EventPacket, topic_names.EVENTS, 10)
+        self._lanes = self.create_publisher(LaneState, topic_names.LANE_STATE, 10)
+        self.create_subscription(WheelVelocities, topic_names.WHEELS, self._on_answer, 10)
         self._answers = 0
         self._start_s = 0.0
         self._waiting = self.create_timer(0.05, self._begin)
@@ -68,9 +69,9 @@ class Pong(Node):
         """Subscribe as a controller does."""
         super().__init__('pong')
         self._answer = WheelVelocities(left=1.0, right=1.0)
-        self._answers = self.create_publisher(WheelVelocities, 'wheel_velocities', 10)
-        self.create_subscription(LaneState, 'lane/state', lambda _: None, 10)
-        self.create_subscription(EventPacket, 'event_camera/events', self._on_packet, 10)
+        self._answers = self.create_publisher(WheelVelocities, topic_names.WHEELS, 10)
+        self.create_subscription(LaneState, topic_names.LANE_STATE, lambda _: None, 10)
+        self.create_subscription(EventPacket, topic_names.EVENTS, self._on_packet, 10)
 
     def _on_packet(self, message: EventPacket) -> None:
         self._answer.header.stamp = message.header.stamp

@@ -39,6 +39,7 @@ from spikelane.nodes.announcer import Announcer
 from spikelane.nodes.offers import adapted_qos, message_type_of, offered_qos, problems
 from spikelane.nodes.periodic import Periodic
 from spikelane.nodes.recorder_parameters import parse_facts, RecorderParameters
+from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, SpikelaneError
 from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, NotForExecutors, SubscriptionEvents
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
@@ -168,7 +169,7 @@ class Recorder(Node):
         new = []
         found = dict(self.get_topic_names_and_types())
         for name in [*(name for name in self._listed if name in found), *found]:
-            is_clock = self._needs_clock and name == '/clock'
+            is_clock = self._needs_clock and name == topic_names.CLOCK
             if name in self._recorded or not (is_clock or self._wants(name)):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
@@ -244,7 +245,7 @@ class Recorder(Node):
         topic_id = NOT_RECORDED
         if self._wants(name):
             topic_id = self._add_topic(name, type_name, publishers[0], offers)
-        if name == '/clock' and type_name == _CLOCK_TYPE:
+        if name == topic_names.CLOCK and type_name == _CLOCK_TYPE:
             self._recording.follow_clock(topic_id)
         profile = adapted_qos(offers, self._settings.depth)
         subscription = self.create_subscription(

@@ -24,7 +24,7 @@ from spikelane_msgs.msg import LaneState, WheelVelocities
 from spikelane.bag.drive import DrivePacket, RecordedDrive
 from spikelane.comparison import Answer
 from spikelane.replay import summarise, unmeasured
-from spikelane_sim import messages
+from spikelane_sim import messages, topic_names
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_json
@@ -94,9 +94,9 @@ class ReplayNode(Node):
         self._lane_message, self._packet_message = LaneState(), EventPacket()
         self._lane_message.header.frame_id = conversions.WORLD_FRAME
         self._packet_message.header.frame_id = conversions.CAMERA_FRAME
-        self.create_subscription(WheelVelocities, 'wheel_velocities', self._on_wheels, _KEPT)
-        self._lanes = self.create_publisher(LaneState, 'lane/state', _KEPT)
-        self._events = self.create_publisher(EventPacket, 'event_camera/events', _KEPT)
+        self.create_subscription(WheelVelocities, topic_names.WHEELS, self._on_wheels, _KEPT)
+        self._lanes = self.create_publisher(LaneState, topic_names.LANE_STATE, _KEPT)
+        self._events = self.create_publisher(EventPacket, topic_names.EVENTS, _KEPT)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looking = self.create_timer(_LOOK_PERIOD_S, self._begin, clock=self._steady)
         self._waiting = WaitingWarnings(self, self._progress, self._lacks)
@@ -125,7 +125,7 @@ class ReplayNode(Node):
         has_subscribers = (
             self._events.get_subscription_count() >= self._settings.wait_for_subscribers
         )
-        if not has_subscribers or not self.count_publishers('wheel_velocities'):
+        if not has_subscribers or not self.count_publishers(topic_names.WHEELS):
             return
         self._looking.cancel()
         self._start_s = time.monotonic()
@@ -222,12 +222,12 @@ class ReplayNode(Node):
         if not self._answers:
             return (
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '
-                f'event_camera/events and a publisher of wheel_velocities; '
+                f'{topic_names.EVENTS} and a publisher of {topic_names.WHEELS}; '
                 f'{self._events.get_subscription_count()} and '
-                f'{self.count_publishers("wheel_velocities")} are there'
+                f'{self.count_publishers(topic_names.WHEELS)} are there'
             )
         if self._pending:
-            return f'waiting for wheel_velocities with stamp {next(iter(self._pending))} ns'
+            return f'waiting for {topic_names.WHEELS} with stamp {next(iter(self._pending))} ns'
         return ''
 
 

@@ -25,6 +25,7 @@ from spikelane_msgs.msg import ControllerState, LaneState, Weights
 
 from spikelane.viewer.scene import connect, Scene
 from spikelane.viewer.server import GRPC_PORT, MEMORY_MB, ViewerServer, WEB_PORT
+from spikelane_sim import topic_names
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
@@ -85,10 +86,10 @@ class Viewer(Node):
         self._events = SubscriptionEvents()
         self._events.look_regularly(self)
         self._taken = [
-            self._subscribe(LaneState, 'lane/state', self._show_lane),
-            self._subscribe(EventPacket, 'event_camera/events', self._show_events),
-            self._subscribe(ControllerState, 'controller/state', self._show_controller),
-            self._subscribe(Weights, 'controller/weights', self._show_weights, WEIGHTS),
+            self._subscribe(LaneState, topic_names.LANE_STATE, self._show_lane),
+            self._subscribe(EventPacket, topic_names.EVENTS, self._show_events),
+            self._subscribe(ControllerState, topic_names.CONTROLLER_STATE, self._show_controller),
+            self._subscribe(Weights, topic_names.WEIGHTS, self._show_weights, WEIGHTS),
         ]
         self._shown = 0
         self._waiting = WaitingWarnings(self, lambda: self._shown, self._lacks)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from spikelane.figures.course_map import marking_outlines
 from spikelane.viewer.pictures import event_colours, FadingImage, in_colour, weights_picture
+from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState
 from spikelane_sim.events import Events
 
@@ -144,7 +145,7 @@ class Scene:
         if lane.episode != self._episode:
             self._episode = lane.episode
             self._path.clear()
-        self._log(stamp_ns, 'lane/distance', rerun.Scalars(lane.distance_m))
+        self._log(stamp_ns, topic_names.LANE_DISTANCE, rerun.Scalars(lane.distance_m))
         if self._course is not None:
             self.show_robot(stamp_ns, *place_on_course(self._course, lane))
 
@@ -175,7 +176,7 @@ class Scene:
         import rerun
 
         picture = in_colour(weights_picture(weights))
-        self._log(stamp_ns, f'controller/weights/{name}', rerun.Image(picture))
+        self._log(stamp_ns, f'{topic_names.WEIGHTS}/{name}', rerun.Image(picture))
 
     def _extend_path(self, stamp_ns: int, place: tuple[float, float]) -> None:
         import rerun
@@ -246,7 +247,7 @@ def _blueprint() -> Any:
             ),
             views.Vertical(
                 views.TimeSeriesView(origin='controller/spikes', name='Spikes of a step'),
-                views.Spatial2DView(origin='controller/weights', name='Weights'),
+                views.Spatial2DView(origin=topic_names.WEIGHTS, name='Weights'),
                 views.TimeSeriesView(
                     origin='controller', contents='$origin/reward', name='Reward'
                 ),

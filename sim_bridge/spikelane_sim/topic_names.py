@@ -1,0 +1,25 @@
+"""The names of all topics, relative where a namespace or a remapping may change them."""
+
+EVENTS = 'event_camera/events'
+CAMERA_INFO = 'event_camera/camera_info'
+IMAGE = 'event_camera/image_raw'
+
+LANE_STATE = 'lane/state'
+LANE_DISTANCE = 'lane/distance'
+ODOMETRY = 'ground_truth/odom'
+JOINT_STATES = 'joint_states'
+
+WHEELS = 'wheel_velocities'
+#: What else drives the robot: a wheel controller's array, and a twist.
+WHEEL_ARRAY = 'wheel_velocity_controller/commands'
+TWIST = 'cmd_vel'
+
+CONTROLLER_STATE = 'controller/state'
+WEIGHTS = 'controller/weights'
+
+#: These are the same in every namespace.
+CLOCK = '/clock'
+TF = '/tf'
+TF_STATIC = '/tf_static'
+DIAGNOSTICS = '/diagnostics'
+RECORDER_STATE = '/recorder/state'
