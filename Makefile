@@ -21,6 +21,7 @@ test:
 	ruff format --check . || status=1; \
 	mypy $(CORE) || status=1; \
 	mypy --no-explicit-package-bases setup/bootstrap.py || status=1; \
+	mypy ros2_ws/src/spikelane/launch || status=1; \
 	python -m pytest || status=1; \
 	exit $$status
 

@@ -22,6 +22,14 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
+def arguments(words: str, folder: Path) -> list[str]:
+    """Return the words of a command, with the folder of results and that of experiments."""
+    folders = {'OUT': str(folder / 'out'), 'EXPERIMENTS': str(ROOT / 'experiments')}
+    return [
+        '/'.join(folders.get(part, part) for part in word.split('/')) for word in words.split()
+    ]
+
+
 @pytest.mark.parametrize(
     'words',
     [
@@ -36,8 +44,7 @@ def test_a_command_that_needs_pytorch_asks_for_it(
     words: str, asked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """And ends with one line where it cannot be had."""
-    words = words.replace('OUT', str(tmp_path / 'out'))
-    assert run(words.replace('EXPERIMENTS', str(ROOT / 'experiments')).split()) == 1
+    assert run(arguments(words, tmp_path)) == 1
     assert asked.read_text() == 'learn\n'
     error = 'setup/bootstrap learn: expected a set-up, got exit status 3'
     assert capsys.readouterr().err == f'spikelane {words.split()[0]}: {error}\n'
@@ -55,8 +62,7 @@ def test_who_does_not_use_pytorch_does_not_wait_for_it(
     words: str, asked: Path, tmp_path: Path
 ) -> None:
     """Nothing is asked for."""
-    words = words.replace('OUT', str(tmp_path / 'out'))
-    assert run(words.replace('EXPERIMENTS', str(ROOT / 'experiments')).split()) == 0
+    assert run(arguments(words, tmp_path)) == 0
     assert not asked.exists()
 
 

@@ -159,7 +159,9 @@ def test_what_it_cannot_do_is_refused(graph, parameters: dict[str, Any], message
 def test_a_signal_ends_it_while_it_waits_for_a_simulator(graph, tmp_path: Path) -> None:
     """The beginning is saved; the exit status says that the work is not done."""
     node = graph.start('rstdp', {'learning': True, 'output': tmp_path}, '-r', '__ns:=/nobody')
-    graph.until((tmp_path / 'checkpoint.safetensors').exists)
+    # The checkpoint is there before the node has been made.
+    graph.until(lambda: 'waiting to reset the simulator' in node.log)
+    assert (tmp_path / 'checkpoint.safetensors').exists()
     assert node.stop(signal.SIGTERM) == 143
     assert 'ended by SIGTERM after 0 of 30000 steps' in node.log
     assert 'Traceback' not in node.log

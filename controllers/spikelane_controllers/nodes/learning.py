@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, cast
 
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
@@ -82,9 +82,10 @@ class LearningNode(ControllerNode):
             declare_parameter(self, replace(specs['checkpoint'], default=''))
         return super()._make_driver(name)
 
-    def _wrap_driver(self, name: str, driver: LearningController) -> Controller:
+    def _wrap_driver(self, name: str, driver: Controller) -> Controller:
         settings = declare_parameters(self, LearningNodeParameters)
         check_can_learn(name, driver)
+        driver = cast(LearningController, driver)
         cls = training_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._publish_weights(driver, 0)
@@ -129,6 +130,7 @@ class LearningNode(ControllerNode):
     def _reset_if_there(self) -> None:
         if self._client.service_is_ready():
             self._search.cancel()
+            assert self._training is not None  # who trains looks for the simulator
             lane, episode = self._training.start
             request = Reset.Request(lane=lane or '', seed=self._settings.seed, episode=episode)
             self._client.call_async(request).add_done_callback(self._on_first_reset)

@@ -50,7 +50,7 @@ class SimulatorDiagnostics:
             self._report(counts)
         lane = self._simulator.lane_state
         is_terminated = lane is not None and lane.terminated
-        if is_terminated and not self._was_terminated:
+        if lane is not None and is_terminated and not self._was_terminated:
             self._node.get_logger().info(
                 f'episode {lane.episode} on the {lane.lane} lane ended after {lane.step} steps: '
                 f'{lane.reason}'
@@ -103,7 +103,8 @@ class SimulatorDiagnostics:
     def _rate(self) -> float:
         then_ns, steps_then = self._last
         self._last = (self._clock.now().nanoseconds, self._stepper.steps)
-        return (self._last[1] - steps_then) / max(self._last[0] - then_ns, 1) * 1e9
+        rate: float = (self._last[1] - steps_then) / max(self._last[0] - then_ns, 1) * 1e9
+        return rate
 
     def _report(self, counts: CommandCounts) -> None:
         logger = self._node.get_logger()

@@ -69,7 +69,7 @@ class SubscriptionEvents:
                 for handler in subscription.event_handlers:
                     handler._ready_to_take_data = True
                     found = handler.take_data()
-                    if found is not None and getattr(found, 'total_count_change', 1):
+                    if found is not None and getattr(found, 'total_count_change', True):
                         handler.callback(found)
             except _rclpy.InvalidHandle:  # the subscription was replaced by another one
                 self._subscriptions.remove(subscription)

@@ -109,9 +109,11 @@ class SimulatorServices:
         if first is None:
             response.success, response.message = False, _SUPERSEDED
             return response
+        lane = first.lane
+        assert lane is not None  # a simulator always knows it
         response.success = True
         response.stamp = conversions.to_time(first.stamp_ns)
-        response.lane, response.episode = first.lane.lane, first.lane.episode
+        response.lane, response.episode = lane.lane, lane.episode
         response.seed = seed
         return response
 
@@ -145,9 +147,9 @@ class SimulatorServices:
         return response
 
     def _begin_again(self, is_time: bool, published: Awaitable) -> None:
-        observation = self._stepper.observation
         # With time reset all begins as at the start; without, another episode on the same lane.
-        lane = None if is_time or observation is None else observation.lane.lane
+        last = self._simulator.lane_state
+        lane = None if is_time or last is None else last.lane
         self._stepper.begin(lane, from_time_zero=is_time, on_published=published.complete)
 
     async def _step_simulation(

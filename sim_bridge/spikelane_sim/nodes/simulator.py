@@ -166,10 +166,10 @@ class SimulatorNode(Node):
         is_driven = self._settings.mode == 'lockstep' and self.count_publishers(topic_names.WHEELS)
         if is_awaited or (is_cut_short and is_driven):
             lane = self._simulator.lane_state
-            self.get_logger().warning(
-                f'ended by {signal.Signals(number).name} in episode {lane.episode}, '
-                f'after {lane.step} steps'
-            )
+            when = 'before an episode'
+            if lane is not None:
+                when = f'in episode {lane.episode}, after {lane.step} steps'
+            self.get_logger().warning(f'ended by {signal.Signals(number).name} {when}')
             self.exit_status = 128 + number
         self._diagnostics.publish()
 

@@ -5,6 +5,8 @@
 Each has a simulator of its own. All ends by itself when all laps are over.
 """
 
+from typing import Any
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
@@ -31,7 +33,7 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
-def start(context: LaunchContext) -> list:
+def start(context: LaunchContext) -> list[Any]:
     """Return the nodes and how they end.
 
     Raises:

@@ -3,6 +3,8 @@
 ros2 launch spikelane lap.launch.py scenario:=2 controller:=rstdp seed:=1 bag:=my_lap
 """
 
+from typing import Any
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
@@ -23,7 +25,7 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
-def start(context: LaunchContext) -> list:
+def start(context: LaunchContext) -> list[Any]:
     """Return the nodes and how they end."""
     arguments = graph.Arguments(context)
     name = arguments.text('controller')

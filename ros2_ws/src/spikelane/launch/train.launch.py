@@ -4,6 +4,7 @@ ros2 launch spikelane train.launch.py controller:=rstdp scenario:=2 output:=my_t
 """
 
 from pathlib import Path
+from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
@@ -27,7 +28,7 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
-def start(context: LaunchContext) -> list:
+def start(context: LaunchContext) -> list[Any]:
     """Return the nodes and how they end."""
     arguments = graph.Arguments(context)
     name, steps = arguments.text('controller'), arguments.number('steps')

@@ -6,6 +6,7 @@ ros2 launch spikelane view.launch.py with:=foxglove   # open config/foxglove.jso
 """
 
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
@@ -34,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
-def start(context: LaunchContext) -> list:
+def start(context: LaunchContext) -> list[Any]:
     """Return what shows."""
     arguments = graph.Arguments(context)
     port, config = (

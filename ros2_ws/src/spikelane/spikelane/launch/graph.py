@@ -38,7 +38,7 @@ class Arguments:
 
     def text(self, name: str) -> str:
         """Return an argument; one that the launch file does not have is empty."""
-        return LaunchConfiguration(name, default='').perform(self._context)
+        return str(LaunchConfiguration(name, default='').perform(self._context))
 
     def number(self, name: str) -> int:
         """Return an argument that is a whole number.
@@ -265,7 +265,7 @@ def _in_file(file: Path, node: str) -> dict[str, Any]:
 
 
 def _dotted(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    found = {}
+    found: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
             found |= _dotted(value, f'{prefix}{name}.')

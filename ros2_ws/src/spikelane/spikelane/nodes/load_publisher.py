@@ -6,10 +6,12 @@ Prints one line of JSON: how many were sent on each topic, and how many seconds 
 from __future__ import annotations
 
 import array
+from collections.abc import Sequence
 import json
 import os
 import sys
 import time
+from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
@@ -53,7 +55,7 @@ def main(args: list[str] | None = None) -> int:
     return 0
 
 
-def _publish(publishers, messages, rate: float, count: int) -> float:
+def _publish(publishers: Sequence[Any], messages: Sequence[Any], rate: float, count: int) -> float:
     """Publish round robin at the rate and return how long it took [s]."""
     start = time.perf_counter()
     for number in range(count):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 import importlib
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -35,7 +36,7 @@ def problems(profile: QoSProfile, publishers: Iterable[TopicEndpointInfo]) -> It
         yield 'has a later publisher that does not latch: it is not recorded'
 
 
-def message_type_of(type_name: str):
+def message_type_of(type_name: str) -> Any:
     """Return the class of `package/msg/Type`, None where it is not installed."""
     package, _, name = type_name.partition('/msg/')
     try:

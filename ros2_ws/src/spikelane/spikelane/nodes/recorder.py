@@ -15,7 +15,7 @@ and other programs refuse it: `spikelane repair BAG` makes it whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import datetime
 import functools
 import os
@@ -23,6 +23,7 @@ from pathlib import Path
 import signal
 import sys
 import time
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 import rclpy
@@ -88,10 +89,11 @@ class Recorder(Node):
         # The messages are taken by `take`.
         self._group = NotForExecutors()
         self._events = SubscriptionEvents()
-        self._subscriptions_taken = []  # (topic id, message type, handle)
-        self._recorded = {}  # topic name: topic id, 0 for one that cannot be recorded
-        self._profiles = {}
-        self._warned = set()
+        self._subscriptions_taken: list[Any] = []  # (topic id, message type, handle)
+        # Topic name: topic id, 0 for one that cannot be recorded.
+        self._recorded: dict[str, int] = {}
+        self._profiles: dict[str, Any] = {}
+        self._warned: set[tuple[str, str]] = set()
         self._writer = BagWriter(
             Path(self._settings.output or _default_output()),
             compression=self._settings.compression,
@@ -231,7 +233,7 @@ class Recorder(Node):
         self.get_logger().error(text)
         return False
 
-    def _subscribe(self, name, type_names, publishers) -> bool:
+    def _subscribe(self, name: str, type_names: Sequence[str], publishers: Sequence[Any]) -> bool:
         type_name = publishers[0].topic_type
         message_type = message_type_of(type_name)
         if len(type_names) > 1 or message_type is None:
@@ -265,7 +267,7 @@ class Recorder(Node):
         self._recorded[name] = topic_id
         return True
 
-    def _add_topic(self, name, type_name, publisher, offers) -> int:
+    def _add_topic(self, name: str, type_name: str, publisher: Any, offers: Sequence[Any]) -> int:
         schema = collect_schema(type_name, _share_folder)
         if not schema.text:
             self._warn_once(name, f'is recorded without the definition of {type_name}')

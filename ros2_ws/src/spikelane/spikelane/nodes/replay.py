@@ -158,6 +158,7 @@ class ReplayNode(Node):
 
     def _publish_next(self) -> None:
         recorded, self._next = self._next, next(self._packets, None)
+        assert recorded is not None  # there is one to be published
         lane = recorded.lane if self._has_lane else None
         # A controller that waits for lane states never answers a packet without one.
         is_answerable = not self._has_lane or lane is not None

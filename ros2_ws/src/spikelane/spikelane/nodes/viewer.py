@@ -13,6 +13,7 @@ import contextlib
 from dataclasses import dataclass
 import os
 import sys
+from typing import Any
 
 from event_camera_msgs.msg import EventPacket
 import numpy as np
@@ -35,6 +36,9 @@ from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
+
+#: Shows a message of a simulation time [ns].
+Show = Callable[[Any, int], None]
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As many arrays as a controller may have, each with a name of its own.
@@ -127,14 +131,16 @@ class Viewer(Node):
         self.get_logger().info(f'open {server.url} in a browser')
         return server.address
 
-    def _subscribe(self, kind: type, topic: str, show: Callable, qos: QoSProfile = LATEST):
+    def _subscribe(
+        self, kind: type, topic: str, show: Show, qos: QoSProfile = LATEST
+    ) -> tuple[Any, Show]:
         subscription = self.create_subscription(
             kind, topic, lambda message: None, qos, callback_group=self._group
         )
         self._events.add(subscription)
         return subscription, show
 
-    def _show(self, show: Callable, message) -> None:
+    def _show(self, show: Show, message: Any) -> None:
         """Show a message; one that cannot be shown is told of, once in a while."""
         try:
             show(message, to_stamp_ns(message.header.stamp))
