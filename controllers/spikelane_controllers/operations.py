@@ -35,7 +35,8 @@ def operations_metrics(total: Operations, time_s: float) -> dict[str, Any]:
 
     Returns:
         decisions_per_s; and, for each kind of operation that occurred, its number for each
-        decision and for each second of simulated time, `<kind>_per_decision` and `<kind>_per_s`.
+        decision, where there was one, and for each second of simulated time,
+        `<kind>_per_decision` and `<kind>_per_s`.
     """
     kinds = {
         'synaptic_operations': total.synaptic,
@@ -46,7 +47,11 @@ def operations_metrics(total: Operations, time_s: float) -> dict[str, Any]:
     found = {name: count for name, count in kinds.items() if count}
     return {
         'decisions_per_s': total.decisions / time_s,
-        **{f'{name}_per_decision': count / total.decisions for name, count in found.items()},
+        **{
+            f'{name}_per_decision': count / total.decisions
+            for name, count in found.items()
+            if total.decisions
+        },
         **{
             f'{name}_per_s': count / time_s
             for name, count in found.items()

@@ -41,6 +41,7 @@ _LAP: dict[str, Any] = {
     [
         ('lane', ['outer'], 'lane: expected a text'),
         ('steps', '4000', 'steps: expected a whole number'),
+        ('steps', -1, 'steps: expected a whole number of at least 0, got -1'),
         ('progress_m', None, 'progress_m: expected a number'),
         ('lap_time_s', None, 'lap_time_s: expected a number'),
         ('operations', {'synapses': 1}, 'operations.synapses: expected one of decisions'),

@@ -88,3 +88,11 @@ def test_they_are_told_for_each_decision_and_second() -> None:
             'synaptic_operations_per_s': 360.0,
         }
     )
+
+
+def test_operations_without_a_decision_are_told_for_each_second_alone() -> None:
+    """As another package's controller may count them."""
+    assert operations_metrics(Operations(synaptic=6), 2.0) == {
+        'decisions_per_s': 0.0,
+        'synaptic_operations_per_s': 3.0,
+    }

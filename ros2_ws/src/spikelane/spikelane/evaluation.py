@@ -19,7 +19,7 @@ from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import METHOD, share_statistics
-from spikelane.summary import check_lap_time, summarise, summarise_by_lane, SummarisedLap
+from spikelane.summary import check_lap, summarise, summarise_by_lane, SummarisedLap
 from spikelane.trajectory import read_csv, Trajectory, write_csv
 from spikelane.transport import over_ros
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
@@ -270,7 +270,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
     if folder.metrics.exists():
-        return folder.read_metrics(LapRow, check_lap_time)
+        return folder.read_metrics(LapRow, check_lap)
     # What was being driven when somebody stopped it begins anew.
     shutil.rmtree(path, ignore_errors=True)
     RunFolder.create(path, numbered=False)

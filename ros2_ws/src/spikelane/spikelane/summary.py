@@ -19,7 +19,7 @@ import math
 from typing import Any, TypedDict
 
 from spikelane.statistics import effective_units, mean_statistics, share_statistics
-from spikelane_sim.kinds import check_kind
+from spikelane_sim.kinds import check_kind, KindError
 
 #: What a unit can be, and its plural.
 UNITS = {'training': 'trainings', 'course': 'courses', 'seed': 'seeds'}
@@ -59,16 +59,18 @@ class SummarisedLap(TypedDict):
 _NAMES = ('seed', 'training')
 
 
-def check_lap_time(row: Mapping[str, Any], name: str = '') -> None:
-    """Check that a lap with checked values has a time if it was completed.
+def check_lap(row: Mapping[str, Any], name: str = '') -> None:
+    """Check what belongs together in a lap: steps are counted, a completed lap has a time.
 
     Args:
-        row: Its metrics.
+        row: Its metrics, whose kinds are checked.
         name: Of the lap in the file, with a point after it.
 
     Raises:
-        KindError: It has none.
+        KindError: Its steps are negative, or it is completed and has no time.
     """
+    if (steps := row.get('steps', 0)) < 0:
+        raise KindError(f'{name}steps: expected a whole number of at least 0, got {steps}')
     if row['completed']:
         check_kind(row['lap_time_s'], float, f'{name}lap_time_s')
 

@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 from spikelane.experiment.runner import Status
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, time_statistics
-from spikelane.summary import check_lap_time, summarise_by_lane, SummarisedLap
+from spikelane.summary import check_lap, summarise_by_lane, SummarisedLap
 from spikelane_sim.kinds import check_kind
 
 #: Metrics that are no results of a run, or not comparable.
@@ -141,7 +141,7 @@ def _check_metrics(metrics: Mapping[str, Any]) -> None:
         if _is_measured(name, value):
             check_kind(value, float, name)
     for number, lap in enumerate(metrics.get('laps', ())):
-        check_lap_time(lap, f'laps[{number}].')
+        check_lap(lap, f'laps[{number}].')
 
 
 def _bounds(name: str) -> tuple[float, float]:

@@ -34,7 +34,7 @@ from spikelane.report.runs import (
 )
 from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
 from spikelane.run_folder import RunFolder
-from spikelane.summary import check_lap_time
+from spikelane.summary import check_lap
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.registry import (
@@ -286,7 +286,7 @@ def _check_lap(metrics: Mapping[str, Any]) -> None:
     """
     _check(metrics, LapMetrics)
     try:
-        check_lap_time(metrics)
+        check_lap(metrics)
     except KindError as error:
         raise FileError(f'metrics.json: {error}') from None
 
