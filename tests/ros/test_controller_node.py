@@ -231,6 +231,22 @@ def test_who_joins_late_is_given_the_last_answer(
     assert late[0].header.stamp == packet.header.stamp
 
 
+def test_a_late_subscriber_to_its_state_is_given_the_last_one(
+    camera: Camera, observations: list[Observation]
+) -> None:
+    """The answer, which nobody has missed, is not sent again."""
+    packet = camera.packet(observations[10])
+    camera.show(packet, observations[10])
+    late: list[ControllerState] = []
+    node = camera.graph.node
+    subscription = node.create_subscription(ControllerState, 'controller/state', late.append, 10)
+    camera.graph.until(lambda: late)
+    node.destroy_subscription(subscription)
+    assert late[0].header.stamp == packet.header.stamp
+    camera.show_all(observations[11:12])  # what was sent before it has come by then
+    assert len(camera.answers_to(packet)) == 1
+
+
 def test_its_state_is_published_to_who_asks(
     camera: Camera, observations: list[Observation]
 ) -> None:

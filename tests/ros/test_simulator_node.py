@@ -198,6 +198,23 @@ def test_a_drive_that_goes_on_is_nothing_to_warn_of(driver: Driver) -> None:
     assert driver.levels[4] == b'\x01'
 
 
+def test_a_topic_that_a_late_subscriber_misses_is_sent_to_it_alone(driver: Driver) -> None:
+    """The other topics of the observation that waits are not sent again."""
+    packet = driver.begin()
+    stamp_ns = stamp_of(packet)
+    counts = {name: len(driver.seen[name]) for name in ('/tf', 'event_camera/camera_info')}
+    late: list[LaneState] = []
+    node = driver.graph.node
+    subscription = node.create_subscription(LaneState, 'lane/state', late.append, 10)
+    driver.graph.until(lambda: late, 'the lane state of the observation that waits')
+    node.destroy_subscription(subscription)
+    driver.answer(packet, 0.0, 0.0)  # what was sent before it has come by then
+    assert stamp_of(late[0]) == stamp_ns
+    for name, count in counts.items():
+        stamps_ns = [stamp_of(each) for each in driver.seen[name][count:]]
+        assert set(stamps_ns) <= {stamp_ns + STEP_NS}
+
+
 def test_all_messages_of_a_step_have_its_stamp(driver: Driver) -> None:
     """One each, nothing missing, numbered on."""
     packet = driver.begin()

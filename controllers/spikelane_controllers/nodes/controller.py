@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
@@ -31,8 +31,8 @@ from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.audience import Audience
 from spikelane_sim.nodes.direct import DirectSubscriptions
+from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.pairing import StampPairs
 from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -107,7 +107,6 @@ class ControllerNode(Node):
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
-        self._audience = Audience()
         self._is_answered = self._is_sent = self._is_halted = False
         self._lane: LaneState | None = None  # of the last observation answered
         # Observations come in one thread, subscribers join in another.
@@ -117,12 +116,11 @@ class ControllerNode(Node):
         )
         # The wheel velocities' publisher is made last: who is matched to it is matched to both.
         kept = QoSProfile(depth=self._settings.history_depth)
-        self._states = self.create_publisher(ControllerState, topic_names.CONTROLLER_STATE, kept)
-        self._wheels = self.create_publisher(
-            WheelVelocities,
-            topic_names.WHEELS,
-            kept,
-            event_callbacks=PublisherEventCallbacks(matched=lambda _: self._on_match()),
+        self._states = KeptPublisher(
+            self, ControllerState, topic_names.CONTROLLER_STATE, kept, self._on_match
+        )
+        self._wheels = KeptPublisher(
+            self, WheelVelocities, topic_names.WHEELS, kept, self._on_match
         )
         self._received = self._lane_states = self._steps = 0
         self._reliability = RELIABILITIES[self._settings.reliability]
@@ -130,8 +128,9 @@ class ControllerNode(Node):
         # A camera waits for nobody.
         is_lockstep = self._settings.use_lane_state
         steps = self._settings.recorder_window_steps if is_lockstep else 0
-        self._sent = {self._states.topic_name: 0, self._wheels.topic_name: 0}
-        self._window = RecorderWindow(steps, lambda: self._sent)
+        self._window = RecorderWindow(
+            steps, lambda: {each.topic: each.sent for each in (self._states, self._wheels)}
+        )
         self._observations = DirectSubscriptions(
             self, lambda: self._pairs.lacks_first or self._window.is_full
         )
@@ -332,24 +331,25 @@ class ControllerNode(Node):
         )
 
     def _on_match(self) -> None:
-        if self._audience.has_grown(self._wheels.get_subscription_count()):
-            self._send_answer()
+        with self._lock:
+            if self._is_sent:
+                self._states.send_again(self._filled_state)
+                self._wheels.send_again(lambda: self._answer)
+            else:
+                self._publish_answer()
 
     def _send_answer(self) -> None:
         with self._lock:
             self._publish_answer()
 
     def _publish_answer(self) -> None:
-        count = self._wheels.get_subscription_count()
-        has_subscribers = count >= self._settings.wait_for_subscribers
+        has_subscribers = self._wheels.subscribers >= self._settings.wait_for_subscribers
         if self._is_answered and has_subscribers and not self._window.is_full:
-            self._audience.reach(count)
-            if not self._is_sent and self._states.get_subscription_count():
-                self._publish_state(self._lane)
+            if not self._is_sent:
+                self._states.send(self._filled_state)
             self._is_sent = True
             self._window.count_step()
-            self._sent[self._wheels.topic_name] += 1
-            self._wheels.publish(self._answer)
+            self._wheels.send(lambda: self._answer)
 
     def _on_recorder(self, state: RecorderState) -> None:
         with self._lock:
@@ -357,14 +357,13 @@ class ControllerNode(Node):
             if not self._is_sent:
                 self._publish_answer()
 
-    def _publish_state(self, lane: LaneState | None) -> None:
+    def _filled_state(self) -> ControllerState:
         state = self._state
         state.header.stamp = self._answer.header.stamp
         shown = shown_by(self._driver)
         state.action, state.reward = shown.action, shown.reward
         state.spikes = list(shown.spikes)
         state.learning = getattr(self._driver, 'learning', False)
-        if lane is not None:
-            state.episode, state.step = lane.episode, lane.step
-        self._sent[self._states.topic_name] += 1
-        self._states.publish(state)
+        if self._lane is not None:
+            state.episode, state.step = self._lane.episode, self._lane.step
+        return state

@@ -198,8 +198,8 @@ class SimulatorNode(Node):
         self._window.count_step()
         self._diagnostics.notice()
 
-    def _on_match(self, has_grown: bool) -> None:
-        self._stepper.audience_changed(has_grown)
+    def _on_match(self) -> None:
+        self._stepper.audience_changed(has_grown=self._topics.is_missed)
 
     def _notice(self) -> None:
         self._diagnostics.notice()

@@ -9,9 +9,7 @@ from typing import Any
 from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -22,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.audience import Audience
+from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.robots.description import URDF_PATH
 from spikelane_sim.simulator import Simulator
 
@@ -34,7 +32,8 @@ class SimulatorTopics:
 
     Messages are made once and refilled. Event packets are published last: whoever has the packet
     of a step can count on the rest of the step having been sent. Their publisher is also made
-    last, so that a subscriber matched to it is matched to all.
+    last, so that a subscriber matched to it is matched to all. A subscriber that is met too late
+    for a topic of an observation is sent that topic afterwards.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class SimulatorTopics:
         simulator: Simulator,
         encoding: str,
         depth: int,
-        on_match: Callable[[bool], None],
+        on_match: Callable[[], None],
     ) -> None:
         """Create the publishers.
 
@@ -52,36 +51,30 @@ class SimulatorTopics:
             simulator: Where the robot's state comes from.
             encoding: Encoding of the event packets.
             depth: Messages kept for a subscriber that is late.
-            on_match: Called when a subscriber to the event packets is met or lost, with whether
-                there are some that the last packet has not reached.
+            on_match: Called when a subscriber to a topic of an observation is met or lost.
         """
         self._simulator = simulator
         self._encoding = encoding
         self._packets = 0
-        self._sent: dict[Publisher, int] = {}
-        self._audience = Audience()
         self._make_messages(simulator)
         self._tf_static = node.create_publisher(TFMessage, topic_names.TF_STATIC, LATCHED)
         self._description = node.create_publisher(String, 'robot_description', LATCHED)
-        publish = partial(self._publisher, node, QoSProfile(depth=depth))
-        self._optional = (
-            (publish(Clock, topic_names.CLOCK), self._fill_clock),
-            (publish(TFMessage, topic_names.TF), self._fill_tf),
-            (publish(Odometry, topic_names.ODOMETRY), self._fill_odometry),
-            (publish(JointState, topic_names.JOINT_STATES), self._fill_joint_state),
-            (publish(Float64, topic_names.LANE_DISTANCE), self._fill_distance),
-            (publish(CameraInfo, topic_names.CAMERA_INFO), self._fill_camera_info),
-            (publish(Image, topic_names.IMAGE), self._fill_image),
-            (publish(LaneStateMessage, topic_names.LANE_STATE), self._fill_lane_state),
+        topics: tuple[tuple[type, str, Callable[[Observation], Any]], ...] = (
+            (Clock, topic_names.CLOCK, self._fill_clock),
+            (TFMessage, topic_names.TF, self._fill_tf),
+            (Odometry, topic_names.ODOMETRY, self._fill_odometry),
+            (JointState, topic_names.JOINT_STATES, self._fill_joint_state),
+            (Float64, topic_names.LANE_DISTANCE, self._fill_distance),
+            (CameraInfo, topic_names.CAMERA_INFO, self._fill_camera_info),
+            (Image, topic_names.IMAGE, self._fill_image),
+            (LaneStateMessage, topic_names.LANE_STATE, self._fill_lane_state),
+            (EventPacket, topic_names.EVENTS, self._fill_packet),
         )
-        self._events = node.create_publisher(
-            EventPacket,
-            topic_names.EVENTS,
-            QoSProfile(depth=depth),
-            event_callbacks=PublisherEventCallbacks(
-                matched=lambda _: on_match(self._audience.has_grown(self.event_subscribers))
-            ),
+        qos = QoSProfile(depth=depth)
+        self._topics = tuple(
+            (KeptPublisher(node, kind, topic, qos, on_match), fill) for kind, topic, fill in topics
         )
+        self._events, _ = self._topics[-1]
         self._tf_static.publish(
             TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
         )
@@ -90,36 +83,30 @@ class SimulatorTopics:
     @property
     def event_subscribers(self) -> int:
         """Subscribers that the event packets reach."""
-        return int(self._events.get_subscription_count())
+        return self._events.subscribers
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether a subscriber lacks some topic of the last observation."""
+        return any(publisher.is_missed for publisher, _ in self._topics)
 
     @property
     def packets(self) -> int:
-        """Event packets published."""
+        """Event packets published, or that would have been had somebody subscribed."""
         return self._packets
 
     def sent(self) -> dict[str, int]:
-        """Return how many messages were published on each topic of a step."""
-        return {publisher.topic_name: count for publisher, count in self._sent.items()}
+        """Return how many messages were published on each topic of an observation."""
+        return {publisher.topic: publisher.sent for publisher, _ in self._topics}
 
     def publish(self, observation: Observation, is_new: bool = True) -> None:
-        """Publish an observation; `is_new` is false where it has been published before."""
-        for publisher, fill in self._optional:
-            if publisher.get_subscription_count():
-                self._send(publisher, fill(observation))
+        """Publish an observation; one that is not new goes where it was missed."""
         self._packets += is_new
-        conversions.fill_event_packet(
-            self._packet,
-            observation.events,
-            observation.stamp_ns,
-            self._packets - 1,
-            self._encoding,
-        )
-        self._audience.reach(self.event_subscribers)
-        self._send(self._events, self._packet)
-
-    def _send(self, publisher: Publisher, message: Any) -> None:
-        self._sent[publisher] = self._sent.get(publisher, 0) + 1
-        publisher.publish(message)
+        for publisher, fill in self._topics:
+            if is_new:
+                publisher.send(partial(fill, observation))
+            else:
+                publisher.send_again(partial(fill, observation))
 
     def _make_messages(self, simulator: Simulator) -> None:
         camera = simulator.parameters.camera
@@ -138,13 +125,19 @@ class SimulatorTopics:
         self._lane = LaneStateMessage()
         self._lane.header.frame_id = conversions.WORLD_FRAME
 
-    @staticmethod
-    def _publisher(node: Node, qos: QoSProfile, kind: type, topic: str) -> Any:
-        return node.create_publisher(kind, topic, qos)
-
     @property
     def _robot(self) -> RobotState:
         return self._simulator.robot_state
+
+    def _fill_packet(self, observation: Observation) -> EventPacket:
+        conversions.fill_event_packet(
+            self._packet,
+            observation.events,
+            observation.stamp_ns,
+            self._packets - 1,
+            self._encoding,
+        )
+        return self._packet
 
     def _fill_clock(self, observation: Observation) -> Clock:
         self._clock.clock = conversions.to_time(observation.stamp_ns)
