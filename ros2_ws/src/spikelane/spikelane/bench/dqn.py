@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import importlib.util
 import time
 from typing import Any, NamedTuple
@@ -115,7 +116,7 @@ def _learn_here(steps: int, seed: int) -> _Learnt:
 
     rng = np.random.default_rng(seed)
     network = initial_network(rng, 512, 3, QNetworkParameters())
-    greedy_action(network, np.zeros(512, np.uint8))  # compiles
+    _compile()
 
     def learn(env: _Stopwatch) -> Policy:
         learner = QLearning(PARAMETERS, network)
@@ -130,6 +131,20 @@ def _learn_here(steps: int, seed: int) -> _Learnt:
         return lambda image: greedy_action(learner.network, image.ravel())
 
     return _timed(learn)
+
+
+def _compile() -> None:
+    """Act and learn once, so that no compilation is timed."""
+    from spikelane_controllers.dqn.q_learning import QLearning
+
+    rng = np.random.default_rng(0)
+    network = initial_network(rng, 512, 3, QNetworkParameters())
+    state = np.zeros(512, np.uint8)
+    greedy_action(network, state)
+    learner = QLearning(replace(PARAMETERS, random_steps=PARAMETERS.batch_size), network)
+    for _ in range(PARAMETERS.batch_size + PARAMETERS.update_every):
+        learner.act(state, rng)
+        learner.learn(state, 0, 0.0, state, rng, is_final=False)
 
 
 def _learn_there(steps: int, seed: int) -> _Learnt:
