@@ -17,20 +17,15 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.shown import Shown
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    neuron_constants,
-    NeuronParameters,
-    resting_state,
-    run_network,
-    spike_counts,
-)
+from spikelane_controllers.spiking.network import DelayParameters, resting_state, run_network
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.poisson import (
     check_spikes,
     firing_rates,
     poisson_spikes,
     PoissonParameters,
 )
+from spikelane_controllers.spiking.spikes import spike_counts
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     steer,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_snn.feedforward import FeedForward
-from spikelane_controllers.spiking.network import SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.spikes import SPIKE_DTYPE, Spikes
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 

@@ -22,13 +22,8 @@ from numpy.typing import NDArray
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.rstdp.learnt_weights import read_weights
 from spikelane_controllers.shown import Shown
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    GRID_MS,
-    neuron_constants,
-    NeuronParameters,
-    spike_counts,
-)
+from spikelane_controllers.spiking.network import DelayParameters
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.plasticity import (
     check_plastic_state,
     PlasticNetwork,
@@ -43,6 +38,7 @@ from spikelane_controllers.spiking.poisson import (
     poisson_spikes,
     PoissonParameters,
 )
+from spikelane_controllers.spiking.spikes import GRID_MS, spike_counts
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     steer,

@@ -40,18 +40,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking.network import (
-    Constants,
-    DelayParameters,
-    GRID_MS,
-    GRID_STEPS,
-    grid_steps,
-    NEURON_DTYPE,
-    Neurons,
-    no_spikes,
-    SPIKE_DTYPE,
-    Spikes,
-)
+from spikelane_controllers.spiking.network import DelayParameters
+from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
 from spikelane_controllers.spiking.plasticity_kernel import (
     NETWORK_DTYPE,
     POST_DTYPE,
@@ -60,6 +50,14 @@ from spikelane_controllers.spiking.plasticity_kernel import (
     run,
     SYNAPSE_DTYPE,
     Workspace,
+)
+from spikelane_controllers.spiking.spikes import (
+    GRID_MS,
+    GRID_STEPS,
+    grid_steps,
+    no_spikes,
+    SPIKE_DTYPE,
+    Spikes,
 )
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.parameters import parameter, Parameters

@@ -13,13 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking.network import (
-    advance_current,
-    advance_potential,
-    CONSTANTS_DTYPE,
-    Neurons,
-    Spikes,
-)
+from spikelane_controllers.spiking.neuron import advance_neuron, CONSTANTS_DTYPE, Neurons
+from spikelane_controllers.spiking.spikes import Spikes
 
 #: A neuron's spike as its synapses remember it: stamp, neuron, K_minus just after it.
 POST_DTYPE = np.dtype([('stamp', '<i8'), ('source', '<i8'), ('k_minus', '<f8')])
@@ -200,20 +195,17 @@ def _drive(
 ) -> int:
     """Take a neuron over some grid steps; record its spikes and return how many it has now."""
     potential, current, slope = neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms
-    held, threshold_mv = neuron.refractory, constants.threshold_mv
+    refractory = neuron.refractory
     for step in range(begin, end):
-        if held > 0:
-            held -= 1
-        else:
-            potential = advance_potential(potential, current, slope, constants)
-        current, slope = advance_current(current, slope, arriving[step], constants)
-        if potential >= threshold_mv:
-            potential, held = constants.reset_mv, constants.refractory
+        potential, current, slope, refractory, has_fired = advance_neuron(
+            potential, current, slope, refractory, arriving[step], constants
+        )
+        if has_fired:
             posts[count].k_minus = _k_minus(posts, count, step + 1, rate) + 1.0
             posts[count].stamp = step + 1
             count += 1
     neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms = potential, current, slope
-    neuron.refractory = held
+    neuron.refractory = refractory
     return count
 
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking.network import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.spikes import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.encoding import Counts, EncodingParameters
 from spikelane_sim.parameters import check_size, parameter, Parameters

@@ -17,7 +17,7 @@ from spikelane_controllers.dqn_snn.integrate_and_fire import (
     resting_potentials,
 )
 from spikelane_controllers.dqn_snn.normalisation import normalise
-from spikelane_controllers.spiking.network import no_spikes, SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.spikes import no_spikes, SPIKE_DTYPE, Spikes
 from spikelane_sim.errors import ParameterError
 
 

@@ -31,7 +31,7 @@ from spikelane_controllers.dqn_snn.transferred import (
     Transferred,
     write_transferred,
 )
-from spikelane_controllers.spiking.network import SPIKE_DTYPE
+from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import StateImage
 from spikelane_sim.simulator import Simulator, SimulatorParameters

@@ -11,17 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    GRID_STEPS,
-    NetworkState,
-    neuron_constants,
-    NeuronParameters,
-    no_spikes,
-    run_network,
-    SPIKE_DTYPE,
-    Spikes,
-)
+from spikelane_controllers.spiking.network import DelayParameters, NetworkState, run_network
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.plasticity import (
     PlasticState,
     resting_plastic_state,
@@ -30,6 +21,7 @@ from spikelane_controllers.spiking.plasticity import (
     SynapseParameters,
     SynapseRule,
 )
+from spikelane_controllers.spiking.spikes import GRID_STEPS, no_spikes, SPIKE_DTYPE, Spikes
 from spikelane_sim.errors import ParameterError
 
 CONSTANTS = neuron_constants(NeuronParameters())

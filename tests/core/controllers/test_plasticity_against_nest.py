@@ -11,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    neuron_constants,
-    NeuronParameters,
-    SPIKE_DTYPE,
-)
+from spikelane_controllers.spiking.network import DelayParameters
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.plasticity import (
     resting_plastic_state,
     run_plastic_network,
     synapse_rule,
     SynapseParameters,
 )
+from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
 
 NETWORKS = 24
 NEURONS = 2

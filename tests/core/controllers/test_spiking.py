@@ -11,13 +11,14 @@ import pytest
 
 from spikelane_controllers.spiking.network import (
     DelayParameters,
-    GRID_STEPS,
     NetworkState,
-    neuron_constants,
-    NeuronParameters,
-    no_spikes,
     resting_state,
     run_network,
+)
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
+from spikelane_controllers.spiking.spikes import (
+    GRID_STEPS,
+    no_spikes,
     spike_counts,
     SPIKE_DTYPE,
     Spikes,

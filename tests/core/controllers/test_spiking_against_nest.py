@@ -11,14 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    neuron_constants,
-    NeuronParameters,
-    resting_state,
-    run_network,
-    SPIKE_DTYPE,
-)
+from spikelane_controllers.spiking.network import DelayParameters, resting_state, run_network
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
+from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
 
 NETWORKS = 120
 NEURONS = 2

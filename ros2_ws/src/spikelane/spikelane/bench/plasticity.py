@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane.bench.unavailable import BenchmarkUnavailableError
-from spikelane_controllers.spiking.network import (
-    DelayParameters,
-    GRID_STEPS,
-    neuron_constants,
-    NeuronParameters,
-    Spikes,
-)
+from spikelane_controllers.spiking.network import DelayParameters
+from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.plasticity import (
     PlasticNetwork,
     resting_plastic_state,
@@ -29,6 +24,7 @@ from spikelane_controllers.spiking.plasticity import (
     SynapseParameters,
 )
 from spikelane_controllers.spiking.poisson import poisson_spikes
+from spikelane_controllers.spiking.spikes import GRID_STEPS, Spikes
 from spikelane_sim.errors import SpikelaneError
 
 NEST_VERSION = '3.10.0'
