@@ -26,5 +26,12 @@ setup(
         'console_scripts': [
             'simulator = spikelane_sim.nodes.simulator:main',
         ],
+        'spikelane.robots': [
+            'p3dx = spikelane_sim.robots.p3dx:P3DX',
+        ],
+        'spikelane.engines': [
+            'kinematic = spikelane_sim.robots.kinematic:ENGINE',
+            'pybullet = spikelane_sim.robots.pybullet_engine:ENGINE',
+        ],
     },
 )

@@ -131,7 +131,7 @@ def _make(
 def _observations(parameters: Parameters) -> list[Observation]:
     """Return the observations of a drive straight ahead."""
     width, height = image_size(parameters)
-    simulated = {'robot.model': 'kinematic', 'camera.width': width, 'camera.height': height}
+    simulated = {'robot.engine': 'kinematic', 'camera.width': width, 'camera.height': height}
     with Simulator(SimulatorParameters.from_mapping(simulated)) as simulator:
         seen = [simulator.reset('outer', _SEED)]
         seen += [simulator.step(WheelVelocities(1.0, 1.0)) for _ in range(STEPS)]

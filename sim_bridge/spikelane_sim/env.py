@@ -75,7 +75,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
     ## Copies
     `copy.deepcopy` and `pickle` give an environment with the same future, bit for bit. With the
-    pybullet robot this takes as long as its physics took since the last reset.
+    engine pybullet this takes as long as its physics took since the last reset.
     """
 
     metadata: dict[str, Any] = {'render_modes': ['rgb_array'], 'render_fps': 2}  # noqa: RUF012
@@ -96,7 +96,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
             observation: 'state_image' or 'spike_counts'.
             actions: 'discrete' or 'wheels'.
             render_mode: None, or 'rgb_array': the events of the last step.
-            simulator: Parameters of `SimulatorParameters`, as `{'robot.model': 'kinematic'}`.
+            simulator: Parameters of `SimulatorParameters`, as `{'robot.engine': 'kinematic'}`.
             task: Parameters of `TaskParameters`.
 
         Raises:

@@ -6,10 +6,10 @@ of bags and checkpoints are all made from `Parameters.specs()`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import dataclasses
 import math
-from typing import Any, get_args, get_origin, get_type_hints, TypeVar
+from typing import Any, ClassVar, get_args, get_origin, get_type_hints, TypeVar
 
 import numpy as np
 
@@ -125,12 +125,35 @@ def nested(parameters: type[ParametersT]) -> Any:
     return dataclasses.field(default_factory=parameters)
 
 
+def with_groups(
+    groups: Mapping[str, type[Parameters]],
+) -> Callable[[type[ParametersT]], type[ParametersT]]:
+    """Return a decorator, applied before `dataclass`, that adds a `nested` field for each group.
+
+    It is for groups that are known only when the program runs, as those of other packages.
+    """
+
+    def add(cls: type[ParametersT]) -> type[ParametersT]:
+        cls.__annotations__ = {**cls.__annotations__, **groups}
+        for name, group in groups.items():
+            setattr(cls, name, nested(group))
+        return cls
+
+    return add
+
+
 class Parameters:
     """Base of the frozen dataclasses that hold parameters; validates on construction.
 
     Subclasses are `@dataclass(frozen=True, kw_only=True)` whose fields are made by `parameter`
     or `nested`. Relations between fields are checked in `_check_relations`.
+
+    Attributes:
+        former_names: Today's names of parameters, by the names that they had in earlier versions.
+            What is in files and on command lines may have either.
     """
+
+    former_names: ClassVar[Mapping[str, str]] = {}
 
     def __post_init__(self) -> None:
         """Check every field against its declaration.
@@ -154,6 +177,47 @@ class Parameters:
             yield from group.specs(f'{prefix}{name}.')
 
     @classmethod
+    def accepted_specs(cls, prefix: str = '') -> Iterator[ParameterSpec]:
+        """Yield what is known of every parameter that may be given: former names have it, too."""
+        known = {spec.name: spec for spec in cls.specs()}
+        for spec in _own_specs(cls):
+            yield dataclasses.replace(spec, name=prefix + spec.name)
+        for former, name in cls.former_names.items():
+            yield dataclasses.replace(known[name], name=prefix + former)
+        for name, group in _groups(cls).items():
+            yield from group.accepted_specs(f'{prefix}{name}.')
+
+    @classmethod
+    def current(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by dotted names under today's names; unknown names stay as they are.
+
+        Where both names of a parameter are given, the value under today's name counts.
+        """
+        former = {name: value for name, value in values.items() if name in cls.former_names}
+        found = {cls.former_names[name]: value for name, value in former.items()}
+        inner: dict[str, dict[str, Any]] = {name: {} for name in _groups(cls)}
+        for name, value in values.items():
+            group, _, rest = name.partition('.')
+            if group in inner and rest:
+                inner[group][rest] = value
+            elif name not in former:
+                found[name] = value
+        for name, group_cls in _groups(cls).items():
+            new = group_cls.current(inner[name])
+            found |= {f'{name}.{rest}': value for rest, value in new.items()}
+        return found
+
+    @classmethod
+    def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the defaults that depend on what is given, by dotted names.
+
+        Args:
+            values: What is given, by dotted names, not checked yet.
+        """
+        del values
+        return {}
+
+    @classmethod
     def from_mapping(
         cls: type[ParametersT], values: Mapping[str, Any], where: str = ''
     ) -> ParametersT:
@@ -166,7 +230,8 @@ class Parameters:
         Raises:
             ParameterError: A name is unknown, or a value not allowed.
         """
-        flat = dict(_flatten(values))
+        flat = cls.current(dict(_flatten(values)))
+        flat = {**cls.chosen_defaults(flat), **flat}
         known = {spec.name: spec for spec in cls.specs()}
         prefix = f'{where}: ' if where else ''
         for name in flat:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 from types import TracebackType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,9 @@ from spikelane_sim.errors import PoseError, SpikelaneError
 from spikelane_sim.link import Link, LinkParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import make_pixel_model, PixelParameters
-from spikelane_sim.robots import make_robot, RobotParameters
+from spikelane_sim.robots import make_robot, P3DX, RobotParameters
+from spikelane_sim.robots.model import RobotModel
+from spikelane_sim.robots.registry import robot_models
 
 #: How far beyond the rectangle around the road a robot can be placed.
 AREA_MARGIN_M = 10.0
@@ -85,6 +88,15 @@ class SimulatorParameters(Parameters):
     pixels: PixelParameters = nested(PixelParameters)
     link: LinkParameters = nested(LinkParameters)
 
+    @classmethod
+    def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """As in Parameters: the values of the robot that `robot.model` names."""
+        model = robot_models().get(str(values.get('robot.model', P3DX)))
+        if not isinstance(model, RobotModel):
+            return {}
+        drive = {f'robot.{name}': value for name, value in model.drive.items()}
+        return drive | {f'camera.{name}': value for name, value in model.camera.items()}
+
     def _check_relations(self) -> None:
         size = {'camera.width': self.camera.width, 'camera.height': self.camera.height}
         rows = ANTIALIAS_ROWS if self.camera.antialias else 1
@@ -95,6 +107,14 @@ class SimulatorParameters(Parameters):
             {**size, 'rows (camera.antialias)': rows, 'images (pixels.esim.substeps)': images},
             MOST_SAMPLES,
         )
+
+
+def current_config(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what determined a run, its simulator's parameters under today's names."""
+    values = config.get('simulator')
+    if not isinstance(values, Mapping):
+        return dict(config)
+    return {**config, 'simulator': SimulatorParameters.current(values)}
 
 
 class _FurthestProgress(NamedTuple):

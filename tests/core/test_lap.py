@@ -75,7 +75,8 @@ def test_the_result_has_all_fields(lap: Lap) -> None:
         'lane': 'outer',
         'seed': 3,
         'transport': 'inprocess',
-        'robot': 'kinematic',
+        'robot': 'p3dx',
+        'engine': 'kinematic',
         'bag': None,
         'folder': str(lap.folder),
         'figure': str(lap.folder / 'figures/lap.svg'),
@@ -121,7 +122,7 @@ def test_the_configuration_drives_the_same_lap(lap: Lap) -> None:
     config = yaml.safe_load((lap.folder / 'config.yaml').read_text())
     head = ('scenario', 'controller', 'lane', 'seed', 'transport')
     assert [config[key] for key in head] == ['1', 'braitenberg', 'outer', 3, 'inprocess']
-    assert config['simulator']['robot.model'] == 'kinematic'
+    assert config['simulator']['robot.engine'] == 'kinematic'
     assert config['versions']['python'] == '.'.join(map(str, sys.version_info[:3]))
     parameters = {
         f'{group}.{name}': value
@@ -295,4 +296,4 @@ def test_the_robot_in_pybullet_prints_one_line_of_json(tmp_path: Path) -> None:
     )
     assert (ended.returncode, ended.stdout.count('\n')) == (1, 1)
     result = json.loads(ended.stdout)
-    assert (result['robot'], result['steps']) == ('pybullet', 40)
+    assert (result['engine'], result['steps']) == ('pybullet', 40)

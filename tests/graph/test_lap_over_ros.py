@@ -101,7 +101,7 @@ def test_an_episode_that_is_no_lap_is_reported_as_such(short: Lap) -> None:
         None,
     )
     assert (result['steps'], result['seed'], result['lane']) == (STEPS, 3, 'outer')
-    assert (result['transport'], result['robot']) == ('ros', 'kinematic')
+    assert (result['transport'], result['engine']) == ('ros', 'kinematic')
     assert short.errors == ''
 
 

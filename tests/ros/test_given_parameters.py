@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rcl_interfaces.srv import GetParameters
 
 from spikelane_sim.nodes.given_parameters import is_meant
 
@@ -74,4 +75,18 @@ def test_a_recorder_tells_of_them_too(graph: Any, tmp_path: Path) -> None:
     process = graph.start('recorder', parameters, '--params-file', str(file))
     graph.until(lambda: 'got those of /braitenberg alone; ignored' in process.log)
     graph.until(lambda: 'outptu: expected parameters of recorder; ignored' in process.log)
+    assert process.stop() == 0
+
+
+def test_former_names_are_taken_as_todays(graph: Any) -> None:
+    """The node tells of both, and warns of neither."""
+    former = {'robot.model': 'kinematic', 'robot.wheel_friction': 0.5}
+    process = graph.start('simulator', former)
+    graph.until(lambda: 'seed 0' in process.log)
+    names = ['robot.model', 'robot.engine', 'robot.pybullet.wheel_friction', *former]
+    values = graph.call(GetParameters, 'simulator/get_parameters', names=names).values
+    texts = [value.string_value for value in values[:2]]
+    assert texts == ['p3dx', 'kinematic']
+    assert [values[2].double_value, values[4].double_value] == [0.5, 0.5]
+    assert 'ignored' not in process.log
     assert process.stop() == 0

@@ -33,6 +33,7 @@ from spikelane_sim.contract import (
 )
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
+from spikelane_sim.simulator import current_config
 
 #: Prefix of the names that the controller's arrays have in a checkpoint.
 _PREFIX = 'controller.'
@@ -296,7 +297,7 @@ class Training:
             raise CheckpointChoiceError(
                 f'{self._checkpoint}: expected a training, got weights alone'
             )
-        config = mapping(facts, 'config')
+        config = current_config(mapping(facts, 'config'))
         for name, expected in self._config.items():
             given = config.get(name)
             if given != expected:

@@ -35,7 +35,8 @@ class SimulatorDiagnostics:
         self._commands = commands
         self._mixed: list[str] = []  # publishers whose commands have mixed in the last second
         self._window = window
-        self._status = StatusPublisher(node, 'simulator', simulator.parameters.robot.model)
+        robot = simulator.parameters.robot
+        self._status = StatusPublisher(node, 'simulator', f'{robot.model}, {robot.engine}')
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = (self._clock.now().nanoseconds, 0)
         self._progress = (0, 0)  # steps and observations at the last message

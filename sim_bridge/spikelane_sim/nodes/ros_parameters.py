@@ -18,15 +18,39 @@ _INTEGER_MAX = 2**63 - 1
 def declare_parameters(node: Node, parameters: type[ParametersT]) -> ParametersT:
     """Declare all of a class's parameters on a node, fixed at start, and return their values.
 
+    A parameter that was given under a former name is declared under both.
+
     Raises:
         ParameterError: A value given to the node is not allowed.
     """
     specs = tuple(parameters.specs())
-    return parameters.from_mapping({spec.name: declare_parameter(node, spec) for spec in specs})
+    names = [spec.name for spec in parameters.accepted_specs()]
+    given = {name: value for name in names if (value := _given(node, name)) is not None}
+    meant = parameters.current(given)
+    meant = {**parameters.chosen_defaults(meant), **meant}
+    meant = {name: value for name, value in meant.items() if given.get(name) != value}
+    values = {spec.name: declare_parameter(node, spec, meant.get(spec.name)) for spec in specs}
+    for name in set(given) - set(values):
+        node.declare_parameter(name, given[name], ParameterDescriptor(read_only=True))
+    return parameters.from_mapping(values)
 
 
-def declare_parameter(node: Node, spec: ParameterSpec) -> Any:
+def _given(node: Node, name: str) -> Any:
+    """Return what a node was given for a parameter, None for nothing."""
+    if node.has_parameter(name):
+        return node.get_parameter(name).value
+    value = node.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
+    node.undeclare_parameter(name)
+    return value
+
+
+def declare_parameter(node: Node, spec: ParameterSpec, value: Any = None) -> Any:
     """Declare one parameter, unless it has been declared, and return its value.
+
+    Args:
+        node: The node.
+        spec: The parameter.
+        value: The value, whatever the node was given; None for what it was given, or the default.
 
     Raises:
         ParameterError: The value given to the node is not allowed.
@@ -34,8 +58,10 @@ def declare_parameter(node: Node, spec: ParameterSpec) -> Any:
     if node.has_parameter(spec.name):
         return spec.check(node.get_parameter(spec.name).value)
     default = list(spec.default) if spec.kind is tuple else spec.default
+    wanted = default if value is None else value
     try:
-        parameter = node.declare_parameter(spec.name, default, _descriptor(spec))
+        # As rclpy has it, what the node was given comes before what is declared.
+        parameter = node.declare_parameter(spec.name, wanted, _descriptor(spec), value is not None)
     except Exception as error:  # rclpy has no common base for what declaring can raise
         raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
     return spec.check(parameter.value)

@@ -26,11 +26,10 @@ from spikelane_sim.contract import Observation
 from spikelane_sim.errors import MessageError, PoseError, SpikelaneError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.awaiting import Awaitable
+from spikelane_sim.robots.registry import robot_model
 from spikelane_sim.run_state import RunState
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.stepper import Stepper
-
-ENTITY = 'pioneer'
 
 _FEATURES = [
     SimulatorFeatures.ENTITY_STATE_GETTING,
@@ -66,6 +65,7 @@ class SimulatorServices:
         self._node = node
         self._simulator = simulator
         self._stepper = stepper
+        self._entity = robot_model(simulator.parameters.robot.model).entity
         # A request that waits to take effect must not keep the node from anything else.
         group = ReentrantCallbackGroup()
         for kind, name, handle in (
@@ -304,6 +304,7 @@ class SimulatorServices:
         return _OK
 
     def _known_entity(self, name: str) -> Result:
-        if name == ENTITY:
+        if name == self._entity:
             return _OK
-        return _failed(Result.RESULT_NOT_FOUND, f'entity: expected {ENTITY!r}, got {name!r}')
+        message = f'entity: expected {self._entity!r}, got {name!r}'
+        return _failed(Result.RESULT_NOT_FOUND, message)

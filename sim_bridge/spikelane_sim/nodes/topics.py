@@ -21,7 +21,7 @@ from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
-from spikelane_sim.robots.description import URDF_PATH
+from spikelane_sim.robots.registry import robot_model
 from spikelane_sim.simulator import Simulator
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -78,7 +78,8 @@ class SimulatorTopics:
         self._tf_static.publish(
             TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
         )
-        self._description.publish(String(data=URDF_PATH.read_text(encoding='utf-8')))
+        urdf = robot_model(simulator.parameters.robot.model).urdf
+        self._description.publish(String(data=urdf.read_text(encoding='utf-8')))
 
     @property
     def event_subscribers(self) -> int:

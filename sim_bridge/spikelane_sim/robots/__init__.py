@@ -1,27 +1,56 @@
-"""Robots: a Pioneer P3-DX in a physics engine, and an ideal differential drive.
+"""Robots and what moves them: `robot.model` says which robot, `robot.engine` which engine.
 
-How far the two agree is told in `pioneer.py`.
+How far the engines agree is told in `bullet_drive.py`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+import dataclasses
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from spikelane_sim.contract import Robot
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.engine import Engine
+from spikelane_sim.parameters import parameter, Parameters, ParameterSpec, ParametersT, with_groups
+from spikelane_sim.robots import registry
+from spikelane_sim.robots.model import RobotModel
 
 PYBULLET = 'pybullet'
 KINEMATIC = 'kinematic'
+P3DX = 'p3dx'
+
+_GROUPS = {
+    name: each.parameters_class
+    for name, each in registry.engines().items()
+    if isinstance(each, Engine) and each.parameters_class is not None
+}
 
 
 @dataclass(frozen=True, kw_only=True)
+@with_groups(_GROUPS)
 class RobotParameters(Parameters):
-    """Everything a robot is made from; the geometry is also in `pioneer.urdf`."""
+    """Everything a robot is made from; the geometry is also in its URDF.
+
+    `from_mapping` takes what is not given from the robot that `model` names. Each engine's own
+    parameters are a field with its name.
+    """
+
+    former_names: ClassVar[Mapping[str, str]] = {
+        name: f'{PYBULLET}.{name}'
+        for name in ('wheel_friction', 'physics_step_s', 'solver_iterations')
+    }
 
     model: str = parameter(
+        P3DX,
+        'Which robot; its size, limits and the place of its camera are defaults of parameters',
+        choices=tuple(registry.robot_models()),
+        source='paper section 3.2',
+    )
+    engine: str = parameter(
         PYBULLET,
-        'Rigid-body physics, or an ideal differential drive for sweeps',
-        choices=(PYBULLET, KINEMATIC),
+        'What moves the robot: rigid-body physics, or an ideal differential drive for sweeps',
+        choices=tuple(registry.engines()),
     )
     wheel_radius_m: float = parameter(
         0.0975, 'Radius of the wheels', unit='m', low=0.01, high=1.0, source="paper's simulation"
@@ -60,38 +89,49 @@ class RobotParameters(Parameters):
     )
     # 1 N m brakes at 1.8 m/s^2; from 2.7 m/s^2 on (1.5 N m) the caster would leave the floor.
     wheel_torque_n_m: float = parameter(
-        1.0, "Largest torque of a wheel's drive (pybullet)", unit='N m', low=0.01, high=100.0
+        1.0, "Largest torque of a wheel's drive", unit='N m', low=0.01, high=100.0
     )
     # A rotor of about 7e-6 kg m^2 behind a gear of 38:1 weighs this much at the wheel: four times
     # the wheel itself.
     rotor_inertia_kg_m2: float = parameter(
         0.01,
-        "Inertia of a motor's rotor as felt at its wheel (pybullet)",
+        "Inertia of a motor's rotor as felt at its wheel",
         unit='kg m^2',
         low=0.0,
         high=1.0,
     )
-    wheel_friction: float = parameter(
-        0.8, 'Friction of the wheels on the floor (pybullet)', low=0.0, high=10.0
-    )
-    physics_step_s: float = parameter(
-        0.005,
-        'Step of the physics, a whole fraction of 0.05 s (pybullet)',
-        unit='s',
-        low=0.0005,
-        high=0.05,
-        source="paper's simulation",
-    )
-    solver_iterations: int = parameter(
-        50,
-        'Most iterations of the contact solver, which stops when it has converged (pybullet)',
-        low=1,
-        high=1000,
-    )
+
+    def own(self, cls: type[ParametersT]) -> ParametersT:
+        """Return the own parameters of the robot's engine, which are of this class."""
+        found = getattr(self, self.engine)
+        assert isinstance(found, cls)
+        return found
+
+    @classmethod
+    def accepted_specs(cls, prefix: str = '') -> Iterator[ParameterSpec]:
+        """As in Parameters; `model` may name an engine, as it used to."""
+        for spec in super().accepted_specs(prefix):
+            is_model = spec.name == f'{prefix}model'
+            also = tuple(registry.engines()) if is_model else ()
+            yield dataclasses.replace(spec, choices=(*spec.choices, *also))
+
+    @classmethod
+    def current(cls, values: Mapping[str, Any]) -> dict[str, Any]:
+        """As in Parameters; `model` used to name the engine."""
+        found = super().current(values)
+        if found.get('model') in registry.engines() and 'engine' not in found:
+            found |= {'model': P3DX, 'engine': found['model']}
+        return found
+
+    @classmethod
+    def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """As in Parameters: the values of the robot that `model` names."""
+        model = registry.robot_models().get(str(values.get('model', P3DX)))
+        return model.drive if isinstance(model, RobotModel) else {}
 
 
 def make_robot(parameters: RobotParameters, poses_per_step: int = 1) -> Robot:
-    """Make the robot that `parameters.model` names, placed at the origin.
+    """Make the robot that the parameters describe, placed at the origin.
 
     Args:
         parameters: What to make.
@@ -101,11 +141,4 @@ def make_robot(parameters: RobotParameters, poses_per_step: int = 1) -> Robot:
         ParameterError: Parameters contradict each other, the robot's description or
             poses_per_step.
     """
-    # The engine is loaded only where it is used.
-    if parameters.model == KINEMATIC:
-        from spikelane_sim.robots.kinematic import Kinematic
-
-        return Kinematic(parameters, poses_per_step)
-    from spikelane_sim.robots.pioneer import Pioneer
-
-    return Pioneer(parameters, poses_per_step)
+    return registry.engine(parameters.engine).make(parameters, poses_per_step)

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-#: The robot's description, which viewers show too.
-URDF_PATH = Path(__file__).with_name('pioneer.urdf')
+from spikelane_sim.errors import ParameterError
 
 Vector = tuple[float, float, float]
 
@@ -35,9 +34,13 @@ class Description(NamedTuple):
     right: Part
 
 
-def read_description() -> Description:
-    """Read the robot's URDF."""
-    robot = ElementTree.parse(URDF_PATH).getroot()
+def read_description(urdf: Path) -> Description:
+    """Read a robot's URDF.
+
+    Raises:
+        ParameterError: It lacks what the physics needs.
+    """
+    robot = ElementTree.parse(urdf).getroot()
     return Description(
         base=_read_part(robot, 'base_link', (0.0, 0.0, 0.0)),
         left=_read_part(robot, 'left_wheel', _joint_origin(robot, 'left_wheel_joint')),
@@ -74,5 +77,5 @@ def _origin(element: ElementTree.Element) -> Vector:
 def _find(element: ElementTree.Element, path: str) -> ElementTree.Element:
     found = element.find(path)
     if found is None:
-        raise AssertionError(f'{URDF_PATH.name} has no {path}')
+        raise ParameterError(f'URDF of the robot: expected {path}, got none')
     return found

@@ -8,14 +8,18 @@ also moves sideways in a turn.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
+from spikelane_sim.engine import Engine
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.robots import RobotParameters
+
+if TYPE_CHECKING:
+    from spikelane_sim.robots import RobotParameters
 
 
 class Kinematic:
@@ -118,3 +122,6 @@ def _drive_arc(start, forward, turn, axle_x_m, height_m, count):  # type: ignore
         poses[row, 5] = math.sin(heading_rad / 2)
         poses[row, 6] = math.cos(heading_rad / 2)
     return poses, x_m, y_m, heading_rad
+
+
+ENGINE = Engine(Kinematic)

@@ -169,7 +169,11 @@ matrix:
         ('[1]', '[7]', r':4: matrix\[0\]\.scenarios\[0\]: course: expected scenario_1, .* got'),
         ('[1]', '[1]\n    seeds: 0', r':5: .*\.seeds: expected a whole number from 1 to'),
         ('[1]', '[1]\n    seeds: [-1]', r':5: .*\.seeds\[0\]: expected a whole number from 0'),
-        ('[1]', '[1]\n    robots: [tank]', r":5: .*: expected pybullet or kinematic, got 'tank'"),
+        (
+            '[1]',
+            '[1]\n    robots: [tank]',
+            r":5: .*: expected p3dx or kinematic or pybullet, got 'tank'",
+        ),
         (
             'antialias: true',
             'antialias: soft',

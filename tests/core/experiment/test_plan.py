@@ -200,7 +200,7 @@ def test_a_transfer_comes_between_the_q_network_and_the_laps(tmp_path: Path) -> 
     assert usual['gathering']['states'] == quicker['gathering']['states'] == 50
     assert usual['transfer']['steps'] == quicker['transfer']['steps'] == 30
     assert [each['transfer']['learning_rate'] for each in (usual, quicker)] == [1e-4, 0.01]
-    assert usual['simulator']['robot.model'] == 'kinematic'
+    assert usual['simulator']['robot.engine'] == 'kinematic'
     assert (usual['seed'], usual['from_training']) == (4, True)
     drives = [run.identity['configuration']['dqn_snn'] for run in plan.runs[4:]]
     assert [each['encoding.frames'] for each in drives] == [1, 10]
@@ -264,7 +264,7 @@ def test_the_experiment_on_rstdp_has_twenty_trainings_and_laps_with_other_seeds(
     for each in evaluated:
         assert each['evaluation']['seeds'] == 3
         assert each['simulator']['episode.max_laps'] == 1
-    assert {each['simulator']['robot.model'] for each in evaluated} == {'pybullet'}
+    assert {each['simulator']['robot.engine'] for each in evaluated} == {'pybullet'}
 
 
 SMALL = '  {controllers: [rstdp], VARIANT tasks: {train: {steps: STEPS}, evaluate: {}}}'

@@ -119,7 +119,7 @@ def test_all_that_the_paper_has_is_done(name: str) -> None:
         if run.task == 'evaluate'
     }
     assert lanes == {{'paper': (), 'paper_quick': ('outer',)}[name]}  # none: every lane
-    assert {run.identity['configuration']['simulator']['robot.model'] for run in runs} == {
+    assert {run.identity['configuration']['simulator']['robot.engine'] for run in runs} == {
         {'paper': 'pybullet', 'paper_quick': 'kinematic'}[name]
     }
 

@@ -76,7 +76,7 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     write_lap(tmp_path / 'lap', simulator=simulator, braitenberg={'poisson.max_rate_hz': 400.0})
     [lap] = collect([tmp_path]).laps
     assert lap.setting == (
-        'episode.max_laps 3; robot.model kinematic; camera.antialias True; '
+        'episode.max_laps 3; robot.engine kinematic; camera.antialias True; '
         'poisson.max_rate_hz 400.0'
     )
 

@@ -37,7 +37,7 @@ def test_the_first_figure_has_each_controller_once_in_the_papers_setting() -> No
     laps = [
         lap('rstdp', setting='c_r 0.03'),
         lap('rstdp'),
-        lap('dqn', setting='robot.model kinematic'),
+        lap('dqn', setting='robot.engine kinematic'),
         lap('braitenberg', lane='inner'),
     ]
     found = comparisons(representative_laps(laps))
@@ -50,7 +50,7 @@ def test_the_first_figure_has_each_controller_once_in_the_papers_setting() -> No
             'deviation_scenario_1',
             1,
             2,
-            [('dqn', 'robot.model kinematic'), ('rstdp', '')],
+            [('dqn', 'robot.engine kinematic'), ('rstdp', '')],
         ),
         ('deviation_scenario_1_2', 2, 2, [('rstdp', 'c_r 0.03')]),
         ('deviation_scenario_1_inner', 1, 1, [('braitenberg', '')]),

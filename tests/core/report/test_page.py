@@ -142,12 +142,12 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
         'scenarios',
         'rewards',
         'state_input',
-        'dqn_scenario_1_robot_model_kinematic_episodes',
-        'dqn_scenario_1_robot_model_kinematic_state_images',
+        'dqn_scenario_1_robot_engine_kinematic_episodes',
+        'dqn_scenario_1_robot_engine_kinematic_state_images',
         'transfer_scenario_1_setting_1_accuracy',
         'transfer_scenario_1_setting_1_rates',
-        'rstdp_scenario_1_robot_model_kinematic_weights',
-        'rstdp_scenario_1_robot_model_kinematic_terminations',
+        'rstdp_scenario_1_robot_engine_kinematic_weights',
+        'rstdp_scenario_1_robot_engine_kinematic_terminations',
         'braitenberg_weights',
         'deviation_scenario_1',
         'deviation_scenario_1_inner',
@@ -172,12 +172,12 @@ def test_each_row_has_its_command(report: dict[str, Any]) -> None:
     [lap], runs = groups['Laps'], report['folder']
     assert lap == (
         './spikelane evaluate --scenario 1 --seed 1 --controller braitenberg --seeds 2 '
-        '--transport inprocess --param simulator.episode.max_steps=80 --robot kinematic'
+        '--transport inprocess --param simulator.episode.max_steps=80 --engine kinematic'
     )
     [transfer] = groups['Transfers']
     assert transfer == (
         './spikelane transfer --scenario 1 --seed 1 --controller dqn_snn '
-        f'--checkpoint {runs}/dqn --from-training --robot kinematic '
+        f'--checkpoint {runs}/dqn --from-training --engine kinematic '
         '--param gathering.states=300 --param transfer.steps=60 '
         f'--out {runs}/transfer'
     )

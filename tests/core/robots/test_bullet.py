@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-IMPORT = 'import spikelane_sim.robots.pioneer, os; os.write(2, b"said\\n")'
+IMPORT = 'import spikelane_sim.robots.bullet_drive, os; os.write(2, b"said\\n")'
 
 
 def test_pybullet_does_not_tell_its_build_time() -> None:
@@ -14,5 +14,5 @@ def test_pybullet_does_not_tell_its_build_time() -> None:
 
 def test_pybullet_is_imported_without_a_standard_error() -> None:
     """Daemons close it."""
-    command = f"exec '{sys.executable}' -c 'import spikelane_sim.robots.pioneer' 2>&-"
+    command = f"exec '{sys.executable}' -c 'import spikelane_sim.robots.bullet_drive' 2>&-"
     subprocess.run(['bash', '-c', command], check=True)

@@ -9,9 +9,10 @@ import pytest
 
 from spikelane_sim.camera import CameraParameters
 from spikelane_sim.robots import RobotParameters
-from spikelane_sim.robots.description import read_description, URDF_PATH
+from spikelane_sim.robots.description import read_description
+from spikelane_sim.robots.p3dx import P3DX
 
-ROBOT = ElementTree.parse(URDF_PATH).getroot()
+ROBOT = ElementTree.parse(P3DX.urdf).getroot()
 
 
 def numbers(path: str, attribute: str = 'xyz') -> list[float]:
@@ -71,7 +72,7 @@ def test_the_optical_frame_looks_along_the_camera_s_x_axis() -> None:
 def test_the_wheels_are_where_the_robot_s_parameters_have_them() -> None:
     """Radius, track and axle; and the wheels reach down to the floor at rest."""
     parameters = RobotParameters()
-    base, left, right = read_description()
+    base, left, right = read_description(P3DX.urdf)
     assert left.origin_m == (0.0445, 0.1655, -0.0413)
     assert right.origin_m == (0.0445, -0.1655, -0.0413)
     assert left.contact_radius_m == right.contact_radius_m == parameters.wheel_radius_m == 0.0975
@@ -83,14 +84,14 @@ def test_the_wheels_are_where_the_robot_s_parameters_have_them() -> None:
 
 def test_the_robot_weighs_nine_kilograms_and_stands_firmly() -> None:
     """The centre of mass lies between caster and axle."""
-    base, left, right = read_description()
+    base, left, right = read_description(P3DX.urdf)
     assert base.mass_kg + left.mass_kg + right.mass_kg == pytest.approx(9.0)
     assert base.contact_m[0] < base.mass_centre_m[0] < left.origin_m[0]
 
 
 def test_inertias_are_those_of_the_shapes_named_in_the_file() -> None:
     """A box of 0.43 x 0.27 x 0.177 m and 8 kg, cylinders of 0.0975 x 0.04 m and 0.5 kg."""
-    base, left, right = read_description()
+    base, left, right = read_description(P3DX.urdf)
     box = [
         8 / 12 * (0.27**2 + 0.177**2),
         8 / 12 * (0.43**2 + 0.177**2),
@@ -104,6 +105,6 @@ def test_inertias_are_those_of_the_shapes_named_in_the_file() -> None:
 
 def test_the_urdf_is_installed_with_the_package() -> None:
     """setup.py names it, and it lies beside the module."""
-    assert URDF_PATH.is_file()
+    assert P3DX.urdf.is_file()
     setup = Path(__file__).parents[3] / 'sim_bridge' / 'setup.py'
     assert "'robots/*.urdf'" in setup.read_text(encoding='utf-8')

@@ -13,7 +13,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import make_robot, RobotParameters
 from spikelane_sim.robots.kinematic import Kinematic
 
-PARAMETERS = RobotParameters(model='kinematic')
+PARAMETERS = RobotParameters(engine='kinematic')
 VELOCITIES = st.floats(-12.3, 12.3)
 
 

@@ -21,7 +21,7 @@ from spikelane_controllers.registry import controller_class, training_names
 STEPS = 60
 
 _SHORT: Mapping[str, Any] = {
-    'simulator.robot.model': 'kinematic',
+    'simulator.robot.engine': 'kinematic',
     'simulator.episode.max_steps': STEPS,
 }
 _SEED = 7

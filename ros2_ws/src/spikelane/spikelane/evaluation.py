@@ -245,6 +245,7 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         'seeds': config.evaluation.seeds,
         'transport': config.transport,
         'robot': simulator.robot.model,
+        'engine': simulator.robot.engine,
         'pixels': simulator.pixels.model,
         'antialias': simulator.camera.antialias,
         'latency_ms': simulator.link.latency_ms,

@@ -170,6 +170,7 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         'seed': config.seed,
         'transport': config.transport,
         'robot': config.simulator.robot.model,
+        'engine': config.simulator.robot.engine,
         **measured,
         'operations': None if driven.operations is None else driven.operations._asdict(),
         'steps_per_s': measured['steps'] / driven.wall_time_s,

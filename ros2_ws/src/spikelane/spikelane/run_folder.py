@@ -39,6 +39,7 @@ from spikelane_sim.files import FileError, write_json, write_yaml, WriteError
 from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parameters import first_difference
 from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
+from spikelane_sim.simulator import current_config
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
@@ -192,7 +193,7 @@ class RunFolder:
                 f"{self.path}: expected a run's folder, got none: config.yaml: {error}"
             ) from None
         wanted = _with_inputs(values)
-        given = dict(found) if isinstance(found, Mapping) else {}
+        given = current_config(found) if isinstance(found, Mapping) else {}
         given.pop('versions', None)
         for name in (*wanted, *given):
             if given.get(name) != wanted.get(name):

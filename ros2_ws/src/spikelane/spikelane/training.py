@@ -209,6 +209,7 @@ def report_training(
         'seed': config.seed,
         'transport': config.transport,
         'robot': config.simulator.robot.model,
+        'engine': config.simulator.robot.engine,
         'pixels': config.simulator.pixels.model,
         'antialias': config.simulator.camera.antialias,
         **results.metrics(),

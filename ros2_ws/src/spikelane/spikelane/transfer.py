@@ -230,6 +230,7 @@ def report_transfer(config: TransferConfig, done: Transfer, folder: RunFolder) -
         'seed': config.seed,
         'source': config.checkpoint,
         'robot': config.simulator.robot.model,
+        'engine': config.simulator.robot.engine,
         'pixels': config.simulator.pixels.model,
         'antialias': config.simulator.camera.antialias,
         **measured,

@@ -12,11 +12,11 @@ from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 
-def measure_closed_loop(robot: str, steps: int = 2000, repeats: int = 5) -> dict[str, Any]:
+def measure_closed_loop(engine: str, steps: int = 2000, repeats: int = 5) -> dict[str, Any]:
     """Drive the Braitenberg controller on scenario 1, again and again.
 
     Args:
-        robot: 'pybullet' or 'kinematic'.
+        engine: 'pybullet' or 'kinematic'.
         steps: Steps of each repeat.
         repeats: Counted ones; one before them compiles and is not counted.
 
@@ -25,7 +25,7 @@ def measure_closed_loop(robot: str, steps: int = 2000, repeats: int = 5) -> dict
         `cpu_us_per_step` (median processor time [µs], which other processes disturb less).
     """
     parameters = SimulatorParameters.from_mapping(
-        {'robot.model': robot, 'episode.max_steps': steps}
+        {'robot.engine': engine, 'episode.max_steps': steps}
     )
     controller = make_controller('braitenberg')
     rates, costs = [], []
@@ -37,7 +37,7 @@ def measure_closed_loop(robot: str, steps: int = 2000, repeats: int = 5) -> dict
                 rates.append(steps / (time.perf_counter() - wall_s))
                 costs.append((time.process_time() - cpu_s) / steps * 1e6)
     return {
-        'robot': robot,
+        'engine': engine,
         'steps_per_s': round(statistics.median(rates)),
         'steps_per_s_min': round(min(rates)),
         'steps_per_s_max': round(max(rates)),

@@ -81,7 +81,7 @@ class _Stopwatch(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Adds up the processor time that the environment takes."""
 
     def __init__(self) -> None:
-        super().__init__(LaneKeepingEnv(1, simulator={'robot.model': 'kinematic'}))
+        super().__init__(LaneKeepingEnv(1, simulator={'robot.engine': 'kinematic'}))
         self.inside_s = 0.0
 
     def reset(self, **options: Any) -> Any:
@@ -180,7 +180,7 @@ def _learn_there(steps: int, seed: int) -> _Learnt:
 
 def _episode_reward(policy: Policy, lane: str) -> float:
     """Return the sum of rewards of one episode."""
-    env = LaneKeepingEnv(1, simulator={'robot.model': 'kinematic'})
+    env = LaneKeepingEnv(1, simulator={'robot.engine': 'kinematic'})
     state, _ = env.reset(seed=0, options={'lane': lane})
     total, is_over = 0.0, False
     while not is_over:

@@ -40,7 +40,7 @@ def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
         'outer',
         0,
         'ros',
-        {'simulator.robot.model': 'kinematic', 'simulator.episode.max_steps': steps},
+        {'simulator.robot.engine': 'kinematic', 'simulator.episode.max_steps': steps},
     )
     ros, inprocess, round_trips = [], [], []
     for _ in range(repeats):

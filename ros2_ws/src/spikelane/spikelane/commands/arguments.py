@@ -16,6 +16,7 @@ from spikelane_controllers.registry import controller_class, controller_names, u
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import parse_yaml, ParseError
+from spikelane_sim.robots.registry import engines, robot_models
 
 _SHOWN_EVERY_STEPS = 100
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
@@ -41,8 +42,13 @@ def add_configuration_arguments(
         _add_transport_argument(parser, transport)
     parser.add_argument(
         '--robot',
-        choices=('pybullet', 'kinematic'),
-        help='simulated by physics, or as an ideal differential drive (default: pybullet)',
+        choices=(*robot_models(), *engines()),
+        help='which robot (default: p3dx); an engine, as for --engine, names no robot',
+    )
+    parser.add_argument(
+        '--engine',
+        choices=tuple(engines()),
+        help='what moves it: physics, or an ideal differential drive (default: pybullet)',
     )
     parser.add_argument(
         '--pixels', choices=('coppelia', 'esim'), help='pixel model (default: coppelia)'
@@ -128,6 +134,7 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
     """
     flags = {
         'simulator.robot.model': options.robot,
+        'simulator.robot.engine': options.engine,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }

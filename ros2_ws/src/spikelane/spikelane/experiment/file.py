@@ -7,7 +7,7 @@
         scenarios: [1, 2]              # or course files; without it 1
         seeds: 10                      # so many from 0, or a list; without it [0]
         transport: inprocess           # or ros
-        robots: [pybullet]             # names, or names with parameters of simulator.robot
+        robots: [kinematic]            # robots, engines, or names with values of simulator.robot
         pixels: {noisy: {model: esim, esim.shot_rate_hz: 5}}        # ... of simulator.pixels
         cameras: {paper: {}, smooth: {antialias: true}}             # ... of simulator.camera
         variants: {slow: {rstdp.c_r: 0.005}}                        # any parameters
@@ -218,7 +218,7 @@ def _known_parameters(
     return {
         f'{group}.{spec.name}': dataclasses.replace(spec, name=f'{group}.{spec.name}')
         for group, cls in groups.items()
-        for spec in cls.specs()
+        for spec in cls.accepted_specs()
         if f'{group}.{spec.name}' != 'simulator.course'  # that is for `scenarios` to say
     }
 

@@ -24,6 +24,7 @@ from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.parsing import ParseError, read_json_file
+from spikelane_sim.simulator import current_config
 
 #: In a run's folder: what it is, for who does it and to find it again.
 RUN_FILE = 'run.json'
@@ -293,6 +294,16 @@ def write_run(folder: RunFolder, run: Run, before: RunFolder | None) -> None:
 
 def _key_in(file: Path) -> str:
     try:
-        return json.dumps(read_json_file(file)['identity'], sort_keys=True)
-    except (ParseError, KeyError, TypeError):
+        return json.dumps(_current(read_json_file(file)['identity']), sort_keys=True)
+    except (ParseError, AttributeError, KeyError, TypeError):
         return ''
+
+
+def _current(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an identity under today's names of parameters."""
+    before = identity['before']
+    return {
+        **identity,
+        'configuration': current_config(identity['configuration']),
+        'before': None if before is None else _current(before),
+    }

@@ -165,7 +165,7 @@ def _add_run(runs: Runs, folder: Path) -> None:
         config = check_kind(read_yaml_file(folder / 'config.yaml'), dict[str, Any])
         if not (folder / 'metrics.json').exists():
             raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
-        check_config(config)
+        config = check_config(config)
     except (ParseError, KindError) as error:
         raise FileError(f'config.yaml: {error}') from None
     metrics = RunFolder(folder).read_metrics()

@@ -23,7 +23,11 @@ from spikelane_sim.simulator import SimulatorParameters
 #: Parameters that a command has options for, which are always given.
 _TOLD = (('simulator', 'course'), ('training', 'steps'))
 
-_FLAGS = {'simulator.robot.model': '--robot', 'simulator.pixels.model': '--pixels'}
+_FLAGS = {
+    'simulator.robot.model': '--robot',
+    'simulator.robot.engine': '--engine',
+    'simulator.pixels.model': '--pixels',
+}
 
 
 def command_of(run: Lap | TrainingRun | TransferRun) -> str:
@@ -83,6 +87,8 @@ def _what(config: Mapping[str, Any]) -> list[str]:
 def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
     """Return the arguments for the parameters that are not the command's defaults."""
     usual = _usual(kind, *_key(config))
+    chosen = SimulatorParameters.chosen_defaults(config.get('simulator', {}))
+    usual = {**usual, **{f'simulator.{name}': value for name, value in chosen.items()}}
     words = []
     for name, value in _given(config).items():
         if name not in usual or value == usual[name]:

@@ -7,6 +7,7 @@ from typing import Any, TypedDict
 
 from spikelane_controllers.operations import Operations
 from spikelane_sim.kinds import check_kind, Scalar
+from spikelane_sim.simulator import current_config
 
 #: A parameter, or a group of them.
 _Setting = Scalar | list[Scalar] | dict[str, Scalar | list[Scalar]]
@@ -106,10 +107,10 @@ class LearntFacts(TypedDict, total=False):
 
 
 def check_config(config: Any) -> Mapping[str, Any]:
-    """Check what determined a run, and return it.
+    """Check what determined a run, and return it under today's names.
 
     Raises:
         KindError: Something that determines every run is missing, or a value is of another kind.
     """
     check_kind(config, dict[str, _Setting])
-    return dict(check_kind(config, _Config))
+    return current_config(check_kind(config, _Config))

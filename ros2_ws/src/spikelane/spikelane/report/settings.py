@@ -24,7 +24,7 @@ from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator import current_config, SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
 _NO_VARIANT = ('course', 'checkpoint', 'q_learning.device')
@@ -110,7 +110,7 @@ def _learnt_with(controller: str, checkpoint: str, folder: Path) -> _Learnt | No
     except CheckpointError:
         return None
     check_kind(facts, LearntFacts)
-    config = facts.get('config', {})
+    config = current_config(facts.get('config', {}))
     scenario = scenario_name(config) if 'scenario' in config else ''
     variant, steps = _variant(config), facts.get('steps')
     if 'transfer' in config:
@@ -138,13 +138,18 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for group, values in config.items():
         if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
-            usual = {**usual, **_usual_in(config, group)}
+            usual = {**usual, **_chosen(group, values), **_usual_in(config, group)}
             for name, value in usual.items():
                 if name not in _NO_VARIANT and name in values and values[name] != value:
                     found[name] = values[name]
     if config.get('from_training') is False:
         found['from_training'] = False
     return found
+
+
+def _chosen(group: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the defaults of a group that depend on other values, as on which robot it is."""
+    return SimulatorParameters.chosen_defaults(values) if group == 'simulator' else {}
 
 
 def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A Pioneer P3-DX in the physics engine Bullet (pybullet).
+"""A differential drive in the physics engine Bullet (pybullet).
 
 pybullet needs some care, found by measurement:
 
@@ -12,8 +12,8 @@ pybullet needs some care, found by measurement:
   to converge the lighter the wheel. With the geared rotor's inertia, which the real robot has
   too, it needs 20 to 30 iterations instead of more than 50.
 
-How far it agrees with the ideal differential drive of `kinematic.py`, once the commanded
-velocities are reached (first rows: the paper's range, last row: 12.3 and 0 rad/s):
+How far the Pioneer P3-DX agrees with the ideal differential drive of `kinematic.py`, once the
+commanded velocities are reached (first rows: the paper's range, last row: 12.3 and 0 rad/s):
 
     =========================================  ==========  ============
     wheels                                     speed       turning rate
@@ -35,7 +35,7 @@ from array import array
 from collections.abc import Mapping, Sequence
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TYPE_CHECKING
 import weakref
 
 import numpy as np
@@ -43,9 +43,13 @@ from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.robots import RobotParameters
 from spikelane_sim.robots.bullet import pybullet
-from spikelane_sim.robots.description import Description, read_description, URDF_PATH
+from spikelane_sim.robots.description import Description, read_description
+from spikelane_sim.robots.pybullet_engine import PybulletParameters
+from spikelane_sim.robots.registry import robot_model
+
+if TYPE_CHECKING:
+    from spikelane_sim.robots import RobotParameters
 
 _GRAVITY_M_S2 = 9.81
 # The solver stops once no constraint's velocity changes by more than the root of this. At
@@ -67,8 +71,8 @@ class _Past(NamedTuple):
     commands: array[float]  # wheel velocities of all steps since, left and right in turn [rad/s]
 
 
-class Pioneer:
-    """A Pioneer P3-DX on a level floor (`contract.Robot`).
+class BulletDrive:
+    """A robot on a level floor (`contract.Robot`).
 
     It can be copied and pickled. Bullet does not tell all of its state (contacts, impulses to
     begin the solver with), so that a copy is placed where the robot was reset last and driven
@@ -80,11 +84,13 @@ class Pioneer:
 
         Raises:
             ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
-                not divide the steps, or the geometry is not that of `pioneer.urdf`.
+                not divide the steps, or the geometry is not that of the robot's URDF.
         """
-        self._substeps = _substeps(parameters.physics_step_s, poses_per_step)
-        self._description = read_description()
-        _check_geometry(parameters, self._description)
+        self._physics = parameters.own(PybulletParameters)
+        self._substeps = _substeps(self._physics.physics_step_s, poses_per_step)
+        urdf = robot_model(parameters.model).urdf
+        self._description = read_description(urdf)
+        _check_geometry(parameters, self._description, urdf.name)
         self._parameters = parameters
         self._poses_per_step = poses_per_step
         self._torques = (parameters.wheel_torque_n_m / self._substeps,) * 2
@@ -103,7 +109,7 @@ class Pioneer:
         engine.setPhysicsEngineParameter(
             fixedTimeStep=STEP_S / self._poses_per_step,
             numSubSteps=self._substeps,
-            numSolverIterations=self._parameters.solver_iterations,
+            numSolverIterations=self._physics.solver_iterations,
             solverResidualThreshold=_SOLVER_RESIDUAL_M2_S2,
             deterministicOverlappingPairs=1,
         )
@@ -213,7 +219,7 @@ class Pioneer:
         for index, wheel in zip(_WHEELS, wheels, strict=True):
             x, y, z = wheel.inertia_kg_m2
             y += self._parameters.rotor_inertia_kg_m2
-            change(index, lateralFriction=self._parameters.wheel_friction)
+            change(index, lateralFriction=self._physics.wheel_friction)
             change(index, localInertiaDiagonal=(x, y, z))
 
     def _drive(self, wheels: WheelVelocities) -> None:
@@ -280,7 +286,7 @@ def _substeps(physics_step_s: float, poses_per_step: int) -> int:
     return substeps
 
 
-def _check_geometry(parameters: RobotParameters, description: Description) -> None:
+def _check_geometry(parameters: RobotParameters, description: Description, urdf: str) -> None:
     """Refuse a geometry that the description does not have."""
     left, right = description.left, description.right
     described = {
@@ -293,8 +299,8 @@ def _check_geometry(parameters: RobotParameters, description: Description) -> No
         value = getattr(parameters, name)
         if abs(value - expected) > tolerance:
             raise ParameterError(
-                f'{name}: expected {expected:g} as in {URDF_PATH.name}, got {value:g}; '
-                f'only the kinematic robot can have another'
+                f'{name}: expected {expected:g} as in {urdf}, got {value:g}; '
+                f'only the engine kinematic can have another'
             )
 
 
