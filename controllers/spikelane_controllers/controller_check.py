@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
-from spikelane_controllers.hosting import image_size
+from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.learning.learning_controller import check_can_learn, LearningController
 from spikelane_controllers.learning.training import controller_state, state_checkpoint
 from spikelane_controllers.operations import Operations

@@ -15,8 +15,8 @@ from spikelane.experiment.results import RESULTS_FILE
 from spikelane.figures.robustness import (
     DIFFICULTIES,
     draw_robustness,
-    Measured,
     robustness_curves,
+    RobustnessPoint,
 )
 
 
@@ -38,7 +38,9 @@ def main() -> None:
             print(f'| {DIFFICULTIES[difficulty]}: {value:g} | ' + ' | '.join(cells) + ' |')
 
 
-def _cell(by_controller: Mapping[str, list[Measured]], controller: str, value: float) -> str:
+def _cell(
+    by_controller: Mapping[str, list[RobustnessPoint]], controller: str, value: float
+) -> str:
     """Return laps completed, and the mean error of these."""
     found = [each for each in by_controller.get(controller, ()) if each.value == value]
     if not found:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.camera import ANTIALIAS_ROWS, Camera, CameraModel, CameraParameters
+from spikelane_sim.communication_link import CommunicationLink, LinkParameters
 from spikelane_sim.contract import (
     LaneState,
     link_rng,
@@ -28,7 +29,6 @@ from spikelane_sim.contract import (
 )
 from spikelane_sim.course import advance, load_course
 from spikelane_sim.errors import PoseError, SpikelaneError
-from spikelane_sim.link import Link, LinkParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import make_pixel_model, PixelParameters
 from spikelane_sim.robots import make_robot, P3DX, RobotParameters
@@ -167,7 +167,7 @@ class Simulator:
         self._camera: CameraModel = camera or Camera(size, self.course)
         images = self._pixels.images_per_step
         self._robot = robot or make_robot(self.parameters.robot, images)
-        self._link = Link(self.parameters.link)
+        self._link = CommunicationLink(self.parameters.link)
         self._time_ns = 0
         self._seed = 0
         self._episode = 0

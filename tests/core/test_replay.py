@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spikelane.answer_comparison import compare, drive_metrics
 from spikelane.bag.drive import RecordedDrive
-from spikelane.comparison import compare, drive_metrics
 from spikelane.main import run
 from spikelane.replay import make_config, replay, summarise
 from spikelane_controllers.learning.training import Training, TrainingParameters

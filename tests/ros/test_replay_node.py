@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from spikelane_msgs.msg import WheelVelocities
 
+from spikelane.answer_comparison import Answer
 from spikelane.bag.drive import RecordedDrive
-from spikelane.comparison import Answer
 from spikelane.replay import make_config, replay, summarise
 from spikelane_sim import messages
 

@@ -28,17 +28,17 @@ from spikelane_controllers.dqn.q_network import (
     QNetwork,
 )
 from spikelane_controllers.operations import Operations
-from spikelane_controllers.shown import Shown
-from spikelane_controllers.state import (
+from spikelane_controllers.saved_state import (
     array,
     check_names,
     gather,
     gather_generator,
     number,
+    SavedState,
     spread,
     spread_generator,
-    State,
 )
+from spikelane_controllers.shown import Shown
 from spikelane_sim.contract import LaneState, Observation, TERMINATED_LANE_LOST, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage
 from spikelane_sim.errors import CheckpointError
@@ -135,7 +135,7 @@ class Dqn:
             self.operations = decision_operations(self.network, self._state)
         return action_wheels(self.action, self.parameters.task)
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and finite numbers.
 
         `restore` takes it, also in another controller with the same parameters, and the steps

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.state import array, State
+from spikelane_controllers.saved_state import array, SavedState
 
 
 class Batch(NamedTuple):
@@ -72,7 +72,7 @@ class Replay:
             self._is_final[drawn].astype(np.bool_),
         )
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return a copy of all of it but how many were added, which is given to `restore`."""
         return {
             'replay.states': self._states.copy(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn.q_network import QNetwork
-from spikelane_controllers.state import array
+from spikelane_controllers.saved_state import array
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 

@@ -31,7 +31,7 @@ from spikelane_controllers.dqn.q_network import (
     network_views,
     QNetwork,
 )
-from spikelane_controllers.state import array, gather, number, spread, State
+from spikelane_controllers.saved_state import array, gather, number, SavedState, spread
 from spikelane_sim.errors import ParameterError
 
 
@@ -108,7 +108,7 @@ class QLearning:
         if is_time and self.steps > self._parameters.random_steps:
             self._update(rng)
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and numbers."""
         adam = self._adam.state[self._weights]
         return {

@@ -21,7 +21,7 @@ from spikelane_controllers.learning.results import (
     TrainingResults,
 )
 from spikelane_controllers.learning.training import Termination
-from spikelane_controllers.state import mapping, number, records
+from spikelane_controllers.saved_state import mapping, number, records
 from spikelane_sim.contract import STEP_S, TERMINATED_STEP_LIMIT
 
 _IN_A_ROW = 3

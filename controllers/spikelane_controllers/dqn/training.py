@@ -17,7 +17,7 @@ from spikelane_controllers.dqn.controller import Dqn
 from spikelane_controllers.dqn.visited_states import NAME, StateStore
 from spikelane_controllers.learning.learning_controller import LearningController
 from spikelane_controllers.learning.training import Training, TrainingParameters
-from spikelane_controllers.state import number, records
+from spikelane_controllers.saved_state import number, records
 from spikelane_sim.contract import LaneState
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import MOST_STEPS, parameter

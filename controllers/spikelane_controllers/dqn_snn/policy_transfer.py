@@ -32,8 +32,8 @@ from spikelane_controllers.dqn_snn.transfer import (
 )
 from spikelane_controllers.dqn_snn.transferred import Transferred, write_transferred
 from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
-from spikelane_controllers.learning.transfer import Show, STATES, TransferRequest
-from spikelane_controllers.state import mapping
+from spikelane_controllers.learning.transfer import OnStageProgress, STATES, TransferRequest
+from spikelane_controllers.saved_state import mapping
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.encoding import Counts
 from spikelane_sim.errors import ParameterError
@@ -96,7 +96,7 @@ class PolicyTransfer:
         require_pytorch()
         self._policy()
 
-    def run(self, show: Show) -> None:
+    def run(self, show: OnStageProgress) -> None:
         """Gather states, label them, train a network with them and normalise it.
 
         Raises:
@@ -157,7 +157,7 @@ class PolicyTransfer:
             },
         }
 
-    def _gathered(self, policy: Dqn, show: Show) -> dict[str, NDArray[np.uint8]]:
+    def _gathered(self, policy: Dqn, show: OnStageProgress) -> dict[str, NDArray[np.uint8]]:
         """Return states, (n, n_inputs), by where they are from."""
         request = self._request
         parts: dict[str, NDArray[np.uint8]] = {}

@@ -10,7 +10,7 @@ from spikelane_controllers.dqn_snn.convergence import RateError
 from spikelane_controllers.dqn_snn.transfer import Measured
 from spikelane_controllers.learning.results import Figure, FinishedRun, Measure
 from spikelane_controllers.registry import card
-from spikelane_controllers.state import records
+from spikelane_controllers.saved_state import records
 from spikelane_sim.kinds import check_kind
 
 #: Simulated times that rates are told after: the paper's 10 ms for each step, and long [ms].

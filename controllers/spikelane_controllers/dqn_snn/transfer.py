@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _TABLE = 'table "DQN-SNN parameters"'
 
 #: What is told while it trains: steps done, and of how many.
-Show = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
 class TransferError(SpikelaneError):
@@ -116,7 +116,7 @@ def learn_policy(
     frames: int,
     parameters: TransferParameters,
     rng: np.random.Generator,
-    show: Show = lambda step, steps: None,
+    show: OnProgress = lambda step, steps: None,
 ) -> Learnt:
     """Train a network to choose the actions of labelled states.
 

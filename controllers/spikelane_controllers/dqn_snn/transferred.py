@@ -15,7 +15,7 @@ import numpy as np
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn_snn.feedforward import FeedForward
 from spikelane_controllers.dqn_snn.normalisation import largest_input
-from spikelane_controllers.state import array, mapping, number
+from spikelane_controllers.saved_state import array, mapping, number
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 

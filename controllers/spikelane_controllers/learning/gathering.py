@@ -22,7 +22,7 @@ from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters
 Policy = Callable[[Counts], int]
 
 #: What is told while it drives: states gathered, and of how many.
-Show = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 _MOST = 255  # that a count can be in a stored state
 
@@ -52,7 +52,7 @@ def gather_states(
     policy: Policy,
     parameters: GatheringParameters,
     seed: int,
-    show: Show = lambda states, of: None,
+    show: OnProgress = lambda states, of: None,
 ) -> NDArray[np.uint8]:
     """Drive with a policy and keep the state before each action.
 

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from spikelane_controllers.state import State
+from spikelane_controllers.saved_state import SavedState
 from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters, ParameterSpec
@@ -36,7 +36,7 @@ class LearningController(Controller, Protocol):
     def initialise(self, rng: np.random.Generator) -> None:
         """Forget all; draw initial weights, where no checkpoint gives them."""
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return all that the next steps depend on: arrays and finite numbers under names."""
 
     def restore(self, state: Mapping[str, Any]) -> None:

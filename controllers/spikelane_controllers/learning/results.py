@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from spikelane_controllers.checkpoint import Arrays, read_checkpoint
 from spikelane_controllers.learning.settling import has_settled, last_lane_loss_step
 from spikelane_controllers.learning.training import Termination
-from spikelane_controllers.state import number, records
+from spikelane_controllers.saved_state import number, records
 from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError

@@ -23,8 +23,8 @@ import numpy as np
 
 from spikelane_controllers.checkpoint import Arrays, Checkpoint, read_checkpoint, write_checkpoint
 from spikelane_controllers.learning.learning_controller import LearningController
-from spikelane_controllers.state import array as state_array
-from spikelane_controllers.state import mapping, number, records, State
+from spikelane_controllers.saved_state import array as state_array
+from spikelane_controllers.saved_state import mapping, number, records, SavedState
 from spikelane_sim.contract import (
     controller_rng,
     LaneState,
@@ -320,7 +320,7 @@ class Training:
         )
 
 
-def state_checkpoint(state: State) -> Checkpoint:
+def state_checkpoint(state: SavedState) -> Checkpoint:
     """Return a controller's own state as a checkpoint holds it; see `controller_state`."""
     is_array = {name: isinstance(value, np.ndarray) for name, value in state.items()}
     return Checkpoint(
@@ -329,9 +329,9 @@ def state_checkpoint(state: State) -> Checkpoint:
     )
 
 
-def controller_state(checkpoint: Checkpoint) -> State:
+def controller_state(checkpoint: Checkpoint) -> SavedState:
     """Return the controller's own state."""
-    state: State = {
+    state: SavedState = {
         name.removeprefix(_PREFIX): value
         for name, value in checkpoint.arrays.items()
         if name.startswith(_PREFIX)

@@ -10,7 +10,7 @@ from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator import SimulatorParameters
 
 #: Shows what is being done, how much of it is done, and of how much.
-Show = Callable[[str, int, int], None]
+OnStageProgress = Callable[[str, int, int], None]
 
 #: What is being done while states are gathered by driving; the first part of every transfer.
 STATES = 'states'
@@ -68,7 +68,7 @@ class Transfer(Protocol):
             SpikelaneError: What it needs is not installed, or the source cannot be read.
         """
 
-    def run(self, show: Show) -> None:
+    def run(self, show: OnStageProgress) -> None:
         """Do all of it.
 
         Raises:

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
 
-from spikelane_controllers.hosting import Host, image_size
+from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Counts
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
@@ -103,7 +103,7 @@ class ControllerNode(Node):
         self._settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
-        self._host = Host(self._controller, self._settings.seed)
+        self._host = ControllerHost(self._controller, self._settings.seed)
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()

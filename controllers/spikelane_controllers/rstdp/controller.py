@@ -21,6 +21,16 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.rstdp.learnt_weights import read_weights
+from spikelane_controllers.saved_state import (
+    array,
+    check_names,
+    gather,
+    gather_generator,
+    number,
+    SavedState,
+    spread,
+    spread_generator,
+)
 from spikelane_controllers.shown import Shown
 from spikelane_controllers.spiking.network import DelayParameters
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
@@ -43,16 +53,6 @@ from spikelane_controllers.spiking.steering import (
     initial_steering,
     steer,
     SteeringParameters,
-)
-from spikelane_controllers.state import (
-    array,
-    check_names,
-    gather,
-    gather_generator,
-    number,
-    spread,
-    spread_generator,
-    State,
 )
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
@@ -213,7 +213,7 @@ class RStdp:
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and finite numbers.
 
         `restore` takes it, also in another controller with the same parameters, and the steps

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import read_checkpoint
-from spikelane_controllers.state import array
+from spikelane_controllers.saved_state import array
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 

@@ -23,8 +23,8 @@ from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
 )
+from spikelane_controllers.saved_state import number, SavedState
 from spikelane_controllers.shown import Shown
-from spikelane_controllers.state import number, State
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
@@ -283,7 +283,7 @@ class Learner:
         self.learnt += 0.001 * self.learning
         return WheelVelocities(1.0 + self.learnt, self.steps / 100)
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         return {'learnt': self.learnt, 'steps': self.steps, 'learning': self.learning}
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -377,7 +377,7 @@ class OtherParameters(Learner):
 class StateOfText(Learner):
     """Has a state that no checkpoint takes."""
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         return {**super().state(), 'rng': object()}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from spikelane.experiment.file import ExperimentError, read_experiment
-from spikelane.experiment.plan import find_runs, make_plan, make_run_folder, Plan, Run
+from spikelane.experiment.plan import find_runs, make_plan, make_run_folder, Plan, PlannedRun
 from spikelane_controllers.checkpoint import write_checkpoint
 import spikelane_sim.course
 
@@ -22,12 +22,12 @@ def plan_of(folder: Path, matrix: str) -> Plan:
     return make_plan(read_experiment(file))
 
 
-def lines(runs: Sequence[Run]) -> list[str]:
+def lines(runs: Sequence[PlannedRun]) -> list[str]:
     """Return each run's name, and after which."""
     return [run.name + (f' < {run.before}' if run.before else '') for run in runs]
 
 
-def named(plan: Plan, name: str) -> Run:
+def named(plan: Plan, name: str) -> PlannedRun:
     """Return a run."""
     return next(run for run in plan.runs if run.name == name)
 

@@ -14,7 +14,7 @@ import pytest
 
 from spikelane.commands.reproduce import experiment_file
 from spikelane.experiment.file import read_experiment, with_seeds
-from spikelane.experiment.plan import make_plan, Plan, Run
+from spikelane.experiment.plan import make_plan, Plan, PlannedRun
 
 ROOT = Path(__file__).parents[3]
 DEADLINE_S = 300.0
@@ -83,7 +83,7 @@ def start(folder: Path, *options: str) -> subprocess.Popen[str]:
     )
 
 
-def steps_of(run: Run) -> int:
+def steps_of(run: PlannedRun) -> int:
     """Return how long a training is."""
     return int(run.identity['configuration']['training']['steps'])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.file import read_experiment
-from spikelane.experiment.plan import make_plan, Run
+from spikelane.experiment.plan import make_plan, PlannedRun
 from spikelane.experiment.results import experiment_results
 from spikelane.experiment.runner import State, Status
 from spikelane.run_folder import RunFolder
@@ -26,7 +26,7 @@ def groups(folder: Path, matrix: str, laps: dict[int, list[dict[str, Any]]]) -> 
     file = folder / 'plan.yaml'
     file.write_text(f'name: tiny\nmatrix:\n{matrix}')
 
-    def done(run: Run) -> Status:
+    def done(run: PlannedRun) -> Status:
         path = folder / run.name
         path.mkdir()
         metrics = {'steps': 10} | ({'laps': laps[run.point.seed]} if laps else {})

@@ -12,7 +12,7 @@ import numpy as np
 from my_controllers.balance import Balance, BalanceParameters
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.learning.training import controller_state
-from spikelane_controllers.state import array, number, State
+from spikelane_controllers.saved_state import array, number, SavedState
 from spikelane_sim.contract import Observation
 from spikelane_sim.parameters import parameter
 
@@ -45,7 +45,7 @@ class LearningBalance(Balance):
             learnt = controller_state(read_checkpoint(Path(name), 'learning_balance'))
             self._offset = number(learnt, 'offset', float)
 
-    def state(self) -> State:
+    def state(self) -> SavedState:
         """Return all that the next steps depend on: arrays, and finite numbers."""
         return {'offset': self._offset, 'sides': self._sides.copy(), 'learning': self.learning}
 

@@ -7,7 +7,7 @@ import dataclasses
 from typing import Any, Protocol, TypedDict
 
 from spikelane.transport import check_transport
-from spikelane_controllers.hosting import image_size
+from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.registry import controller_class, make_controller
 from spikelane_sim.camera import CameraParameters
 from spikelane_sim.contract import Controller

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from spikelane import lap
 from spikelane.configuration import Configuration
-from spikelane.lap import drive_lap, DrivenLap, LapConfig, Show
+from spikelane.lap import drive_lap, DrivenLap, LapConfig, OnLapProgress
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import METHOD, share_statistics
@@ -267,7 +267,7 @@ def _operations(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     return operations_metrics(sum_operations(counted), observations * STEP_S)
 
 
-def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
+def _row_of(each: LapOfEvaluation, path: Path, show: OnLapProgress) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
     if folder.metrics.exists():
@@ -290,7 +290,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: Show) -> dict[str, Any]:
     return row
 
 
-def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
+def _drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
     if config.transport == 'inprocess':
         return drive_lap(config, show)
     driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)

@@ -33,7 +33,7 @@ NO_PROGRESS_STEPS = 600
 SLOWEST_M_S = 0.02
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
-Show = Callable[[int, float], None]
+OnLapProgress = Callable[[int, float], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def default_weights(scenario: str, controller: str) -> dict[str, Any]:
     return {f'{controller}.checkpoint': name} if name in shipped_weights(controller) else {}
 
 
-def drive_lap(config: LapConfig, show: Show) -> DrivenLap:
+def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
     """Drive a lap in this process.
 
     Args:

@@ -14,13 +14,13 @@ from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
+from spikelane.answer_comparison import Answer, compare, drive_metrics, write_answers
 from spikelane.bag.drive import RecordedDrive
-from spikelane.comparison import Answer, compare, drive_metrics, write_answers
 from spikelane.configuration import configured_controller
 from spikelane.interruption import check
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
-from spikelane_controllers.hosting import Host, image_size
+from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_controllers.registry import controller_class
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import (
@@ -298,11 +298,11 @@ def unmeasured(answers: Sequence[Answer], sensor: Sensor) -> str:
     return ''
 
 
-def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[Host, Sensor]:
+def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[ControllerHost, Sensor]:
     controller: Any = configured_controller(config)
     if getattr(controller, 'learning', False):
         controller.initialise(controller_rng(config.seed, 0))
-    return Host(controller, config.seed), make_sensor(config, drive)
+    return ControllerHost(controller, config.seed), make_sensor(config, drive)
 
 
 def _load_kernels(config: ReplayConfig, drive: RecordedDrive) -> None:

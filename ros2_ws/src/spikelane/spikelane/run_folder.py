@@ -34,7 +34,7 @@ import platform
 import subprocess
 from typing import Any, Protocol
 
-from spikelane.inputs import input_digests
+from spikelane.input_files import input_digests
 from spikelane_sim.files import FileError, write_json, write_yaml, WriteError
 from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parameters import first_difference

@@ -17,7 +17,7 @@ from spikelane.configuration import (
     configured_controller,
 )
 from spikelane.interruption import check
-from spikelane.lap import Show
+from spikelane.lap import OnLapProgress
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
@@ -161,7 +161,9 @@ def _learning_controller(config: TrainConfig) -> LearningController:
     return cast(LearningController, controller)
 
 
-def train(config: TrainConfig, folder: RunFolder, show: Show, *, resume: bool) -> Training:
+def train(
+    config: TrainConfig, folder: RunFolder, show: OnLapProgress, *, resume: bool
+) -> Training:
     """Train in this process.
 
     Args:

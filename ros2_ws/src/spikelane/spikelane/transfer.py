@@ -11,7 +11,7 @@ from spikelane.configuration import check_seed, parameter_groups
 from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.learning.results import FinishedRun
-from spikelane_controllers.learning.transfer import Show, Transfer, TransferRequest
+from spikelane_controllers.learning.transfer import OnStageProgress, Transfer, TransferRequest
 from spikelane_controllers.registry import (
     card,
     title,
@@ -183,7 +183,7 @@ def configure_transfer(
     return config
 
 
-def transfer(config: TransferConfig, show: Show) -> Transfer:
+def transfer(config: TransferConfig, show: OnStageProgress) -> Transfer:
     """Do a transfer in this process.
 
     Args:

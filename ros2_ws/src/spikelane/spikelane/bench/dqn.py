@@ -26,8 +26,8 @@ STABLE_BASELINES3_VERSION = '2.9.2'
 #: The paper's, but that exploration falls soon enough for so short a training to show something.
 PARAMETERS = QLearningParameters(annealing_steps=9000)
 
-State = NDArray[np.uint8]
-Policy = Callable[[State], int]
+_Image = NDArray[np.uint8]
+Policy = Callable[[_Image], int]
 
 
 class _Learnt(NamedTuple):

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from spikelane.configuration import TRANSPORTS
-from spikelane.lap import Show
+from spikelane.lap import OnLapProgress
 from spikelane_controllers.registry import controller_class, controller_names, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
@@ -170,7 +170,7 @@ def _value(name: str, text: str) -> Any:
 
 
 @contextlib.contextmanager
-def progress(is_quiet: bool, unit: str = 'm') -> Iterator[Show]:
+def progress(is_quiet: bool, unit: str = 'm') -> Iterator[OnLapProgress]:
     """Give what shows progress to people: on one line of a terminal's standard error.
 
     It is called with steps and how far they have led, in the unit.

@@ -17,7 +17,7 @@ from spikelane.experiment.file import read_experiment
 from spikelane.experiment.local import LocalEngine
 from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
-from spikelane.experiment.runner import Runner, State
+from spikelane.experiment.runner import Runner, RunStatus
 from spikelane.experiment.tasks import task_named
 from spikelane.lock import locked
 from spikelane.requirements import require
@@ -26,7 +26,7 @@ from spikelane_sim.errors import ParameterError
 
 RETRIES = 2
 
-_STATES = {State.FOUND: 'finished', State.WAITING: 'to do'}
+_STATES = {RunStatus.FOUND: 'finished', RunStatus.WAITING: 'to do'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,7 +147,7 @@ def do_plan(
 
 def is_finished(results: Mapping[str, Any]) -> bool:
     """Return whether all runs of an experiment are."""
-    return all(State(each['state']).is_finished for each in results['runs'])
+    return all(RunStatus(each['state']).is_finished for each in results['runs'])
 
 
 def local_engine(jobs: int | None) -> LocalEngine:
@@ -168,7 +168,7 @@ def _list(runner: Runner, root: Path, is_json: bool) -> None:
         {
             'name': status.run.name,
             'state': 'to go on'
-            if status.state is State.WAITING and status.is_begun
+            if status.state is RunStatus.WAITING and status.is_begun
             else _STATES[status.state],
             'needs': status.run.before,
             'folder': None if status.folder is None else status.folder.path.name,

@@ -18,8 +18,8 @@ from spikelane.lap import (
     DrivenLap,
     LapConfig,
     make_config,
+    OnLapProgress,
     report_lap,
-    Show,
 )
 from spikelane.run_folder import RunFolder
 from spikelane.transport import over_ros
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     return 0 if result['completed'] else 1
 
 
-def _drive(config: LapConfig, folder: RunFolder, show: Show) -> DrivenLap:
+def _drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
     if config.transport == 'inprocess':
         return drive_lap(config, show)
     driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)

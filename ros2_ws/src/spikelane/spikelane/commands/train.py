@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
-from spikelane.lap import Show
+from spikelane.lap import OnLapProgress
 from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.run_folder import RunFolder, RUNS
@@ -114,7 +114,7 @@ def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
     return folder
 
 
-def _train(config: TrainConfig, folder: RunFolder, show: Show, resume: bool) -> None:
+def _train(config: TrainConfig, folder: RunFolder, show: OnLapProgress, resume: bool) -> None:
     if config.transport == 'inprocess':
         train(config, folder, show, resume=resume)
     else:

@@ -18,7 +18,7 @@ from spikelane.transfer import (
     transfer,
 )
 from spikelane_controllers.learning.gathering import GatheringParameters
-from spikelane_controllers.learning.transfer import Show
+from spikelane_controllers.learning.transfer import OnStageProgress
 from spikelane_controllers.registry import transfer_card, transfer_names
 
 _SHOWN_TIMES = 200  # of each stage
@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 @contextlib.contextmanager
-def _progress(is_quiet: bool) -> Iterator[Show]:
+def _progress(is_quiet: bool) -> Iterator[OnStageProgress]:
     """Give what shows progress to people: on one line of a terminal's standard error."""
     if is_quiet or not sys.stderr.isatty():
         yield lambda what, done, of: None

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
 from spikelane.experiment.tasks import FROM_RUN, Need, plain, Point, TASKS
-from spikelane.inputs import input_digests
+from spikelane.input_files import input_digests
 from spikelane.run_folder import RunFolder
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
@@ -31,7 +31,7 @@ RUN_FILE = 'run.json'
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """One run.
 
     Attributes:
@@ -66,7 +66,7 @@ class Plan(NamedTuple):
     """The runs of an experiment, each after those it needs."""
 
     name: str
-    runs: tuple[Run, ...]
+    runs: tuple[PlannedRun, ...]
 
 
 class _Place(NamedTuple):
@@ -95,9 +95,9 @@ class _Planner:
     """Gathers runs."""
 
     def __init__(self) -> None:
-        self.runs: list[Run] = []
-        self._by_key: dict[str, Run] = {}
-        self._by_place: dict[tuple[_Place, Need], list[Run]] = {}
+        self.runs: list[PlannedRun] = []
+        self._by_key: dict[str, PlannedRun] = {}
+        self._by_place: dict[tuple[_Place, Need], list[PlannedRun]] = {}
         self._names: set[str] = set()
         self._n_runs = 0
 
@@ -145,7 +145,9 @@ class _Planner:
                 if run not in known:
                     known.append(run)
 
-    def _before(self, block: Block, task: str, controller: str, place: _Place) -> Run | None:
+    def _before(
+        self, block: Block, task: str, controller: str, place: _Place
+    ) -> PlannedRun | None:
         """Return the run whose checkpoint another takes: of its block, else of any before it."""
         labels = dict(place.labels)
         if f'{controller}.checkpoint' in _parameters(block, labels, task, controller):
@@ -169,8 +171,13 @@ class _Planner:
         return None
 
     def _run(
-        self, block: Block, task: str, point: Point, labels: Mapping[str, str], before: Run | None
-    ) -> Run:
+        self,
+        block: Block,
+        task: str,
+        point: Point,
+        labels: Mapping[str, str],
+        before: PlannedRun | None,
+    ) -> PlannedRun:
         options = block.tasks[task]
         try:
             config = TASKS[task].configure(point, options, FROM_RUN if before else None)
@@ -185,7 +192,9 @@ class _Planner:
         if inputs := input_digests(configuration):
             identity['inputs'] = inputs
         name = self._free_name(_name(task, point, labels))
-        run = Run(name, task, point, options, labels, before.name if before else None, identity)
+        run = PlannedRun(
+            name, task, point, options, labels, before.name if before else None, identity
+        )
         known = self._by_key.setdefault(run.key, run)
         if known is run:
             self.runs.append(run)
@@ -246,7 +255,7 @@ class Found(NamedTuple):
     is_finished: bool
 
 
-def find_runs(root: Path, runs: Sequence[Run]) -> dict[str, Found]:
+def find_runs(root: Path, runs: Sequence[PlannedRun]) -> dict[str, Found]:
     """Find runs, by their configurations, in an experiment's folder.
 
     Returns:
@@ -262,7 +271,7 @@ def find_runs(root: Path, runs: Sequence[Run]) -> dict[str, Found]:
     return found
 
 
-def make_run_folder(root: Path, run: Run, before: RunFolder | None) -> RunFolder:
+def make_run_folder(root: Path, run: PlannedRun, before: RunFolder | None) -> RunFolder:
     """Make a run's folder, with all that is needed to do it.
 
     Raises:
@@ -273,7 +282,7 @@ def make_run_folder(root: Path, run: Run, before: RunFolder | None) -> RunFolder
     return folder
 
 
-def write_run(folder: RunFolder, run: Run, before: RunFolder | None) -> None:
+def write_run(folder: RunFolder, run: PlannedRun, before: RunFolder | None) -> None:
     """Write what a run is, for who does it.
 
     Raises:

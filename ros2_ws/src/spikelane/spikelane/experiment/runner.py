@@ -21,7 +21,7 @@ import time
 from typing import Any, NamedTuple
 
 from spikelane.experiment.engine import Ended, Engine
-from spikelane.experiment.plan import find_runs, make_run_folder, Plan, Run, write_run
+from spikelane.experiment.plan import find_runs, make_run_folder, Plan, PlannedRun, write_run
 from spikelane.experiment.worker import Progress, read_progress
 from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
@@ -33,7 +33,7 @@ _POLL_S = 0.05
 _PROGRESS_S = 0.5
 
 
-class State(Enum):
+class RunStatus(Enum):
     """Where a run stands."""
 
     FOUND = 'found'  # was finished before
@@ -46,7 +46,7 @@ class State(Enum):
     @property
     def is_finished(self) -> bool:
         """Whether its results are there."""
-        return self in (State.FOUND, State.DONE)
+        return self in (RunStatus.FOUND, RunStatus.DONE)
 
 
 @dataclasses.dataclass
@@ -67,8 +67,8 @@ class Status:
         took_s: Time in which one process did all of it [s], None where none has.
     """
 
-    run: Run
-    state: State = State.WAITING
+    run: PlannedRun
+    state: RunStatus = RunStatus.WAITING
     folder: RunFolder | None = None
     is_begun: bool = False
     is_continued: bool = False
@@ -128,7 +128,7 @@ class Runner:
             status = self.statuses[name]
             status.folder, status.is_begun = found.folder, True
             if found.is_finished:
-                status.state = State.FOUND
+                status.state = RunStatus.FOUND
 
     @property
     def counts(self) -> Counts:
@@ -136,8 +136,8 @@ class Runner:
         states = [status.state for status in self.statuses.values()]
         return Counts(
             sum(state.is_finished for state in states),
-            states.count(State.FAILED),
-            states.count(State.BLOCKED),
+            states.count(RunStatus.FAILED),
+            states.count(RunStatus.BLOCKED),
             len(states),
         )
 
@@ -169,7 +169,7 @@ class Runner:
             for ended in engine.ended():
                 self._end(ended)
                 show(self.statuses[ended.name])
-            running = sum(each.state is State.RUNNING for each in self.statuses.values())
+            running = sum(each.state is RunStatus.RUNNING for each in self.statuses.values())
             for status in self._ready():
                 if running >= engine.slots:
                     break
@@ -188,13 +188,13 @@ class Runner:
     def _ready(self) -> Iterator[Status]:
         """Yield the runs that can be begun; those that never can are marked."""
         for status in self.statuses.values():
-            if status.state is not State.WAITING:
+            if status.state is not RunStatus.WAITING:
                 continue
             before = self._before(status)
             if before is None or before.state.is_finished:
                 yield status
-            elif before.state in (State.FAILED, State.BLOCKED):
-                status.state = State.BLOCKED
+            elif before.state in (RunStatus.FAILED, RunStatus.BLOCKED):
+                status.state = RunStatus.BLOCKED
                 status.message = f'needs {before.run.name}'
                 self._log('block', status)
 
@@ -206,7 +206,7 @@ class Runner:
         else:
             write_run(status.folder, status.run, before_folder)
         status.attempts += 1
-        status.state = State.RUNNING
+        status.state = RunStatus.RUNNING
         status.started_s = time.monotonic()
         status.first = status.last = None
         self._log('start', status, attempt=status.attempts, is_continued=status.is_begun)
@@ -219,14 +219,14 @@ class Runner:
         status.message = ended.message
         assert status.folder is not None  # it was started
         if ended.status == 0 and status.folder.metrics.exists():
-            status.state = State.DONE
+            status.state = RunStatus.DONE
             status.took_s = None if status.is_continued else wall_time_s
             self._log('done', status, wall_time_s=wall_time_s)
         elif ended.status < 0 and status.attempts <= self._retries:
-            status.state = State.WAITING
+            status.state = RunStatus.WAITING
             self._log('retry', status, wall_time_s=wall_time_s, message=ended.message)
         else:
-            status.state = State.FAILED
+            status.state = RunStatus.FAILED
             status.message = ended.message or 'ended without results'
             self._log('fail', status, wall_time_s=wall_time_s, message=status.message)
 
@@ -236,7 +236,7 @@ class Runner:
     def _read_progress(self) -> None:
         now_s = time.monotonic()
         for status in self.statuses.values():
-            if status.state is not State.RUNNING or status.folder is None:
+            if status.state is not RunStatus.RUNNING or status.folder is None:
                 continue
             progress = read_progress(status.folder)
             if progress is not None and (status.last is None or status.last[1] != progress):

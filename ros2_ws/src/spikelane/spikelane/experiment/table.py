@@ -11,10 +11,10 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from spikelane.experiment.runner import Runner, State, Status
+from spikelane.experiment.runner import Runner, RunStatus, Status
 
 _BAR_WIDTH = 20
-_MARKS = {State.RUNNING: 'began', State.DONE: 'done', State.FAILED: 'FAILED'}
+_MARKS = {RunStatus.RUNNING: 'began', RunStatus.DONE: 'done', RunStatus.FAILED: 'FAILED'}
 
 
 @contextlib.contextmanager
@@ -38,7 +38,7 @@ def shown(
         with Live(console=console, auto_refresh=False) as live:
 
             def show(status: Status | None) -> None:
-                if status is not None and status.state is not State.RUNNING:
+                if status is not None and status.state is not RunStatus.RUNNING:
                     _print_line(live.console, runner, status)
                 live.update(render(runner, slots), refresh=True)
 
@@ -52,7 +52,7 @@ def render(runner: Runner, slots: int) -> Group:
     for name in ('', 'done', 'steps/s', 'left'):
         table.add_column(name, justify='right', no_wrap=True)
     for status in runner.statuses.values():
-        if status.state is State.RUNNING:
+        if status.state is RunStatus.RUNNING:
             share = status.last[1].share if status.last else 0.0
             speed = status.steps_per_s
             table.add_row(
@@ -81,11 +81,11 @@ def time_left_s(runner: Runner, slots: int) -> float | None:
         kind = status.run.task, status.run.point.controller
         if status.took_s is not None:
             whole_s.setdefault(kind, []).append(status.took_s)
-        elif status.state is State.RUNNING and status.left_s is not None and status.last:
+        elif status.state is RunStatus.RUNNING and status.left_s is not None and status.last:
             known_s.append(status.left_s)
             if (rest := 1.0 - status.last[1].share) > 0:
                 whole_s.setdefault(kind, []).append(status.left_s / rest)
-        elif status.state in (State.RUNNING, State.WAITING):
+        elif status.state in (RunStatus.RUNNING, RunStatus.WAITING):
             unknown.append(kind)
     if not known_s or not set(unknown) <= set(whole_s):
         return None

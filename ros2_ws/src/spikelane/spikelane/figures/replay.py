@@ -20,7 +20,7 @@ from spikelane_sim.contract import STEP_S
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from spikelane.comparison import Answer
+    from spikelane.answer_comparison import Answer
 
 Floats = NDArray[np.float64]
 

@@ -51,7 +51,7 @@ _MARGIN = 0.07  # beside the first and last value, of what is between them
 _ABOVE_MEANS = 1.6  # how high the errors' axis is, of the largest mean
 
 
-class Measured(NamedTuple):
+class RobustnessPoint(NamedTuple):
     """Laps under one condition."""
 
     value: float  # of the difficulty
@@ -59,7 +59,7 @@ class Measured(NamedTuple):
     error_m: Mapping[str, Any] | None  # mean_statistics of completed laps; None without any
 
 
-def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[Measured]]]:
+def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[RobustnessPoint]]]:
     """Find the curves in an experiment's results.
 
     Args:
@@ -72,7 +72,7 @@ def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[Me
         SpikelaneError: No two runs differ in a difficulty alone, the results are of a version
             that did not write the simulator's parameters, or a controller was measured twice.
     """
-    curves: dict[str, dict[str, list[Measured]]] = {}
+    curves: dict[str, dict[str, list[RobustnessPoint]]] = {}
     groups = [group for group in results.get('groups', ()) if 'laps' in group]
     if any('simulator' not in group for group in groups):
         raise SpikelaneError(
@@ -97,9 +97,9 @@ def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[Me
 
 def _curves(
     difficulty: str, groups: Sequence[Mapping[str, Any]]
-) -> dict[tuple[str, str], list[Measured]]:
+) -> dict[tuple[str, str], list[RobustnessPoint]]:
     """Return what was measured, by controller and all parameters but the difficulty."""
-    found: dict[tuple[str, str], list[Measured]] = {}
+    found: dict[tuple[str, str], list[RobustnessPoint]] = {}
     for group in groups:
         rest = dict(group['simulator'])
         names = _PARAMETERS[difficulty].get(rest.get('pixels.model', ''), ())
@@ -107,7 +107,7 @@ def _curves(
         if len(values) != 1 or not isinstance(value := values.pop(), (int, float)):
             continue
         laps = group['laps']['all']
-        measured = Measured(float(value), laps['completed'], laps['mean_abs_distance_m'])
+        measured = RobustnessPoint(float(value), laps['completed'], laps['mean_abs_distance_m'])
         key = group['controller'], json.dumps(rest, sort_keys=True)
         found.setdefault(key, []).append(measured)
     return found
@@ -181,7 +181,7 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
         return style.save(figure, path)
 
 
-def _draw_error(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> None:
+def _draw_error(axes: Axes, curve: list[RobustnessPoint], look: dict[str, Any]) -> None:
     points = [(each.value, each.error_m) for each in curve if each.error_m is not None]
     values, means = [x for x, _ in points], [error['mean'] for _, error in points]
     axes.plot(values, means, linewidth=1.2, markersize=4, **look)
@@ -190,7 +190,7 @@ def _draw_error(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> None
     _draw_intervals(axes, [x for x, _ in spread], low, high, look)
 
 
-def _draw_completed(axes: Axes, curve: list[Measured], look: dict[str, Any]) -> None:
+def _draw_completed(axes: Axes, curve: list[RobustnessPoint], look: dict[str, Any]) -> None:
     values = [each.value for each in curve]
     shares, low, high = (
         [100 * each.completed[name] for each in curve] for name in ('share', 'ci_low', 'ci_high')
@@ -206,7 +206,7 @@ def _draw_intervals(
     axes.vlines(values, low, high, **lines)
 
 
-def _highest_m(curves: Mapping[str, Mapping[str, list[Measured]]]) -> float | None:
+def _highest_m(curves: Mapping[str, Mapping[str, list[RobustnessPoint]]]) -> float | None:
     """Return a top of the errors' axis that means fit below; None where there are none.
 
     An interval of two laps can be ten times as wide as what it is of.

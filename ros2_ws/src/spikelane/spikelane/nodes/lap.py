@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from spikelane_msgs.srv import Reset
 
-from spikelane.lap import DrivenLap, LapConfig, Show
+from spikelane.lap import DrivenLap, LapConfig, OnLapProgress
 from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
 from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
@@ -43,7 +43,7 @@ TOPICS = (
 def drive_lap_over_ros(
     config: LapConfig,
     folder: RunFolder,
-    show: Show,
+    show: OnLapProgress,
     viewer: Mapping[str, Any] | None = None,
 ) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
@@ -81,7 +81,7 @@ def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
 def _drive(
     config: LapConfig,
     folder: RunFolder,
-    show: Show,
+    show: OnLapProgress,
     *,
     is_recorded: bool,
     viewer: Mapping[str, Any] | None = None,
@@ -146,7 +146,9 @@ def recorder_windows(is_recorded: bool) -> dict[str, dict[str, int]]:
     }
 
 
-def _drive_episode(config: LapConfig, seed: int, supervisor: Supervisor, show: Show) -> float:
+def _drive_episode(
+    config: LapConfig, seed: int, supervisor: Supervisor, show: OnLapProgress
+) -> float:
     """Drive one episode; return its wall time [s]."""
     reset = supervisor.node.create_client(Reset, '/simulator/reset')
     supervisor.wait_for('the simulator', reset.service_is_ready)

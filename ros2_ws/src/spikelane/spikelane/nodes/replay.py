@@ -21,8 +21,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import LaneState, WheelVelocities
 
+from spikelane.answer_comparison import Answer
 from spikelane.bag.drive import DrivePacket, RecordedDrive
-from spikelane.comparison import Answer
 from spikelane.replay import summarise, unmeasured
 from spikelane_sim import messages, topic_names
 from spikelane_sim.binning import SensorParameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spikelane.lap import Show
+from spikelane.lap import OnLapProgress
 from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
 from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
@@ -18,7 +18,7 @@ _END_S = 10.0  # for a node to end by itself, once it has nothing more to do
 def train_over_ros(
     config: TrainConfig,
     folder: RunFolder,
-    show: Show,
+    show: OnLapProgress,
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,

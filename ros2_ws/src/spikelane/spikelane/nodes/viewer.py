@@ -38,7 +38,7 @@ from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
 
 #: Shows a message of a simulation time [ns].
-Show = Callable[[Any, int], None]
+LogMessage = Callable[[Any, int], None]
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: As many arrays as a controller may have, each with a name of its own.
@@ -132,15 +132,15 @@ class Viewer(Node):
         return server.address
 
     def _subscribe(
-        self, kind: type, topic: str, show: Show, qos: QoSProfile = LATEST
-    ) -> tuple[Any, Show]:
+        self, kind: type, topic: str, show: LogMessage, qos: QoSProfile = LATEST
+    ) -> tuple[Any, LogMessage]:
         subscription = self.create_subscription(
             kind, topic, lambda message: None, qos, callback_group=self._group
         )
         self._events.add(subscription)
         return subscription, show
 
-    def _show(self, show: Show, message: Any) -> None:
+    def _show(self, show: LogMessage, message: Any) -> None:
         """Show a message; one that cannot be shown is told of, once in a while."""
         try:
             show(message, to_stamp_ns(message.header.stamp))

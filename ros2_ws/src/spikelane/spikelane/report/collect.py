@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.inputs import transferred_controller
+from spikelane.input_files import transferred_controller
 from spikelane.report.kinds import (
     check_config,
     EvaluationMetrics,
@@ -43,7 +43,7 @@ from spikelane_controllers.registry import (
     training_results,
     transfer_results,
 )
-from spikelane_controllers.state import mapping
+from spikelane_controllers.saved_state import mapping
 from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.files import FileError
 from spikelane_sim.kinds import check_kind, KindError

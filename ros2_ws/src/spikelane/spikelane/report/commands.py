@@ -13,7 +13,7 @@ import shlex
 from typing import Any
 
 from spikelane import lap, training
-from spikelane.inputs import transferred_controller
+from spikelane.input_files import transferred_controller
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane_controllers.registry import transfer_class
 from spikelane_sim.course import scenario_course

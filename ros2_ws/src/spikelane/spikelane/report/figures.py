@@ -61,7 +61,7 @@ class Drawn(NamedTuple):
 
 
 #: Shows what is being drawn.
-Show = Callable[[str], None]
+OnFigure = Callable[[str], None]
 
 
 class Figures(NamedTuple):
@@ -78,7 +78,7 @@ class Figures(NamedTuple):
     unwritten: dict[str, WriteError]
 
 
-def draw_figures(runs: Runs, folder: Path, show: Show) -> Figures:
+def draw_figures(runs: Runs, folder: Path, show: OnFigure) -> Figures:
     """Draw all figures that these runs have something for.
 
     Args:

@@ -8,7 +8,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from spikelane.report.runs import NamedSetting, Run, Runs
+from spikelane.report.runs import NamedSetting, ReportedRun, Runs
 
 #: Letters up to which a setting is its own name.
 LONGEST = 40
@@ -52,7 +52,9 @@ def _tell_trainings_apart(runs: list[Any]) -> None:
             runs[index] = dataclasses.replace(run, setting='; '.join(parts))
 
 
-def _names(runs: Sequence[Run], variants: Mapping[Path, str]) -> dict[tuple[str, str], str]:
+def _names(
+    runs: Sequence[ReportedRun], variants: Mapping[Path, str]
+) -> dict[tuple[str, str], str]:
     """Return the names of settings by controller and words; no two of a controller's are alike."""
     names = {_key(run): run.setting for run in runs if len(run.setting) <= LONGEST}
     for run in runs:
@@ -66,11 +68,11 @@ def _names(runs: Sequence[Run], variants: Mapping[Path, str]) -> dict[tuple[str,
     return names
 
 
-def _key(run: Run) -> tuple[str, str]:
+def _key(run: ReportedRun) -> tuple[str, str]:
     return run.controller, run.setting
 
 
-def _candidates(run: Run, variants: Mapping[Path, str]) -> Iterator[str]:
+def _candidates(run: ReportedRun, variants: Mapping[Path, str]) -> Iterator[str]:
     """Yield the name that a run's experiment has for its setting, and numbered ones."""
     # A lap of an evaluation is in a folder of the evaluation's.
     folders = (run.folder, *run.folder.parents)

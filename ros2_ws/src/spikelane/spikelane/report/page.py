@@ -9,7 +9,7 @@ import shlex
 from typing import Any
 
 from spikelane.report.collect import collect
-from spikelane.report.figures import draw_figures, Drawn, Show
+from spikelane.report.figures import draw_figures, Drawn, OnFigure
 from spikelane.report.groups import Table
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
@@ -25,7 +25,9 @@ _TEMPLATE = 'page.html'
 _KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
 
 
-def write_report(paths: Sequence[Path], out: Path, show: Show, note: str = '') -> dict[str, Any]:
+def write_report(
+    paths: Sequence[Path], out: Path, show: OnFigure, note: str = ''
+) -> dict[str, Any]:
     """Write a report on all runs in some folders.
 
     Args:

@@ -15,7 +15,7 @@ RANDOM_COURSES = 'random courses'
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Run:
+class ReportedRun:
     """What all runs have.
 
     Attributes:
@@ -43,7 +43,7 @@ class Run:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Lap(Run):
+class Lap(ReportedRun):
     """An episode driven without learning; `folder` has its trajectory.
 
     Attributes:
@@ -57,7 +57,7 @@ class Lap(Run):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TrainingRun(Run):
+class TrainingRun(ReportedRun):
     """A training.
 
     Attributes:
@@ -68,7 +68,7 @@ class TrainingRun(Run):
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TransferRun(Run):
+class TransferRun(ReportedRun):
     """A transfer of what one controller has learnt to another one.
 
     Attributes:
@@ -141,6 +141,6 @@ class Runs:
         return [*self.trainings, *self.transfers, *self.laps]
 
 
-def course_of(run: Run) -> Course:
+def course_of(run: ReportedRun) -> Course:
     """Return what was driven on."""
     return load_course(scenario_course(str(run.config['scenario'])))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.inputs import transferred_controller
+from spikelane.input_files import transferred_controller
 from spikelane.report.kinds import LearntFacts
 from spikelane.training import training_defaults
 from spikelane.transfer import source_of

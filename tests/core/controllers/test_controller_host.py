@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from spikelane_controllers.braitenberg.controller import BraitenbergParameters
-from spikelane_controllers.hosting import Host, image_size
+from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
 from spikelane_sim.encoding import StateImageParameters
 from spikelane_sim.events import no_events
@@ -33,7 +33,7 @@ def observation(episode: int, step: int) -> Observation:
 
 def drawn(*places: tuple[int, int]) -> list[float]:
     """Return what is answered to observations of these episodes and steps, with seed 3."""
-    host = Host(Drawing(), 3)
+    host = ControllerHost(Drawing(), 3)
     return [host.step(observation(*place)).left for place in places]
 
 

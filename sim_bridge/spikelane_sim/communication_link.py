@@ -46,7 +46,7 @@ class LinkParameters(Parameters):
         return self.latency_ms // STEP_MS
 
 
-class Link:
+class CommunicationLink:
     """Carries events to the controller and commands to the robot."""
 
     def __init__(self, parameters: LinkParameters) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spikelane_sim.errors import CheckpointError
 
-State = dict[str, Any]  # of arrays without fields, bool, int, float
+SavedState = dict[str, Any]  # of arrays without fields, bool, int, float
 
 RecordT = TypeVar('RecordT', bound=NamedTuple)
 
@@ -24,9 +24,9 @@ _WORD = 1 << 64
 _LARGEST = 1 << 63  # of whole numbers
 
 
-def spread(prefix: str, record: NamedTuple) -> State:
+def spread(prefix: str, record: NamedTuple) -> SavedState:
     """Return the arrays and numbers of a record as `prefix.field`, or `prefix.field.subfield`."""
-    state: State = {}
+    state: SavedState = {}
     for name, value in record._asdict().items():
         if isinstance(value, np.ndarray):
             for key, part in _columns(f'{prefix}.{name}', value).items():
@@ -151,7 +151,7 @@ def array(
     return value.copy()
 
 
-def spread_generator(prefix: str, rng: np.random.Generator) -> State:
+def spread_generator(prefix: str, rng: np.random.Generator) -> SavedState:
     """Return the state of a generator made by `numpy.random.default_rng`."""
     state = cast(dict[str, Any], rng.bit_generator.state)
     words = [

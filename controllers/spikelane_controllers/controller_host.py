@@ -17,7 +17,7 @@ class _Place(NamedTuple):
     step: int
 
 
-class Host:
+class ControllerHost:
     """Gives a controller observations, and resets it wherever they begin another episode.
 
     They do where the episode's number changes or its steps begin again. A later step that is seen

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.link import LinkParameters
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 AHEAD = WheelVelocities(1.0, 1.0)  # 4.875 mm in a step
