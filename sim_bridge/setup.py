@@ -28,6 +28,7 @@ setup(
         ],
         'spikelane.robots': [
             'p3dx = spikelane_sim.robots.p3dx:P3DX',
+            'turtlebot4 = spikelane_sim.robots.turtlebot4:TURTLEBOT4',
         ],
         'spikelane.engines': [
             'kinematic = spikelane_sim.robots.kinematic:ENGINE',

@@ -252,3 +252,24 @@ def test_the_dqn_snn_drives_the_same_over_ros(tmp_path: Path) -> None:
     assert states[0].neurons == ['left', 'straight', 'right']
     assert {each.action for each in states} <= {0, 1, 2}
     assert sum(int(each.spikes.sum()) for each in states) > 0
+
+
+@pytest.mark.parametrize('controller', ['braitenberg', 'rstdp'])
+def test_a_turtlebot_drives_as_in_process_and_is_described(
+    tmp_path: Path, controller: str
+) -> None:
+    """The same bits; its URDF and the place of its camera are on the topics."""
+    robot = ('--robot', 'turtlebot4', '--engine', 'kinematic', '--controller', controller)
+    over_ros = drive_short(tmp_path / 'ros', *robot)
+    in_process = drive_short(tmp_path / 'inprocess', *robot, '--transport', 'inprocess')
+    assert (over_ros.status, over_ros.result['robot']) == (1, 'turtlebot4'), over_ros.errors
+    assert over_ros.result['steps'] == STEPS
+    trajectories = [each.folder / 'trajectory.csv' for each in (over_ros, in_process)]
+    assert trajectories[0].read_bytes() == trajectories[1].read_bytes()
+    said = {}
+    with AnyReader([over_ros.bag]) as reader:
+        for connection, _, raw in reader.messages():
+            said[connection.topic] = reader.deserialize(raw, connection.msgtype)
+    assert '<robot name="turtlebot4">' in said['/robot_description'].data
+    camera = said['/tf_static'].transforms[0].transform.translation
+    assert (camera.x, camera.y, camera.z) == (0.164, 0.0, 0.2558)
