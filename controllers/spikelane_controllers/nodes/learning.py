@@ -51,16 +51,10 @@ class LearningNode(ControllerNode):
     What the simulator publishes before its first reset took effect is not answered.
     """
 
-    def __init__(self, name: str) -> None:
-        """Declare the parameters, make the controller, and go on with its training if so asked.
-
-        Raises:
-            SpikelaneError: A parameter is not allowed, or a checkpoint cannot be read.
-        """
-        self._training: Training | None = None
-        self._first_stamp_ns: int | None = None
-        self._observed = 0
-        super().__init__(name)
+    @property
+    def _training(self) -> Training | None:
+        """The training, None where the controller only drives."""
+        return self._controller if isinstance(self._controller, Training) else None
 
     def halt(self, number: int) -> None:
         """Answer nothing more, and say where that cuts a training short; see `run_node`."""
@@ -103,15 +97,16 @@ class LearningNode(ControllerNode):
         }
         folder = Path(settings.output)
         checkpoint = folder / 'checkpoint.safetensors'
-        self._training = cls(name, driver, parameters, config, checkpoint)
+        training = cls(name, driver, parameters, config, checkpoint)
         if settings.resume:
-            self._training.resume()
+            training.resume()
         else:
-            self._training.begin(self._settings.seed)
-        ScalarLog(folder / LOG_FOLDER, self._training, time.monotonic)
-        return self._training
+            training.begin(self._settings.seed)
+        ScalarLog(folder / LOG_FOLDER, training, time.monotonic)
+        return training
 
     def _start(self) -> None:
+        self._first_stamp_ns: int | None = None  # of the training's first episode, to wait for
         if self._training is None:
             super()._start()
         elif self._is_done:
@@ -160,10 +155,10 @@ class LearningNode(ControllerNode):
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
         super()._step(lane, events, stamp_ns)
-        self._observed += 1
         if self._training is None:
             return
-        if self._observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.get_subscription_count():
+        observed = self._steps + 1  # this one included
+        if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.get_subscription_count():
             self._publish_weights(self._driver, stamp_ns)
         if self._training.needs_reset:
             # Its answer is not waited for: the first observation comes by itself.
