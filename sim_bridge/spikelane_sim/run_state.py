@@ -18,6 +18,15 @@ class RunState(Enum):
     QUITTING = 3  # for good: nothing begins any more
 
 
+class Phase(Enum):
+    """What has become of the present observation."""
+
+    NONE = 0  # there is none: no episode has begun
+    HELD = 1  # it is not published, as somebody who must hear it is not there
+    WAITING = 2  # it is published; in lockstep it waits for its answer
+    ANSWERED = 3  # its answer waits for a step, or the episode is over; in lockstep alone
+
+
 class Publish(NamedTuple):
     """How the stepper reaches the world.
 

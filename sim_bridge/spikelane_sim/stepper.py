@@ -4,6 +4,31 @@ In lockstep each observation is published and then waits for the wheel velocitie
 stamp; nothing sleeps or polls, and a command with another stamp changes nothing. In real time
 the steps come from a clock outside, and the last command holds for half a second.
 
+The state is a `RunState` and the `Phase` of the present observation. In lockstep, while an episode
+runs, this becomes of it; `+` is a step that is taken, `-` means no change, `!` an error:
+
+    ================  =======  =========  ========  ========  =========  ========  =======
+    state, phase      begin    answer     heard     play      pause      advance   stop
+    ================  =======  =========  ========  ========  =========  ========  =======
+    stopped, none     playing  -          -         playing   paused     !         -
+    playing, held     playing  -          playing   -         paused/h   !         stopped
+    playing, waiting  playing  playing +  -         -         paused/w   !         stopped
+    paused, none      paused/w -          -         playing   -          steps     stopped
+    paused, held      paused/w -          paused/w  playing/h -          steps/h   stopped
+    paused, waiting   paused/w paused/a   -         playing   -          steps     stopped
+    paused, answered  paused/w -          -         playing + -          paused/w+ stopped
+    steps asked for   paused/w paused/w+  -         playing   -          !         stopped
+    quitting          -        -          -         -         -          !         -
+    ================  =======  =========  ========  ========  =========  ========  =======
+
+- The column "answer" is a command with the right stamp, "heard" means that all who must hear an
+  observation are there, "advance" asks for one step of a paused simulation.
+- /h, /w and /a are the phases held, waiting and answered. Where the table says "playing", "steps"
+  or /w, a new observation is held instead if somebody does not hear it.
+- "steps" is paused, with a step asked for that is not taken yet.
+- Where the episode is over, an answer takes no step: the observation is then answered.
+- In real time there are no answers: a tick of the clock takes a step while the simulation plays.
+
 Calls may come from several threads: commands from one, services and timers from another.
 """
 
@@ -12,23 +37,11 @@ from __future__ import annotations
 from collections.abc import Callable
 import threading
 
-from spikelane_sim.contract import (
-    Observation,
-    RobotState,
-    STANDSTILL,
-    STEP_NS,
-    WheelVelocities,
-)
+from spikelane_sim.contract import Observation, RobotState, STANDSTILL, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.run_state import OnPublished, Publish, RunState
+from spikelane_sim.requested import HeldCommand, RequestedSteps
+from spikelane_sim.run_state import OnPublished, Phase, Publish, RunState
 from spikelane_sim.simulator import Simulator
-
-
-class _Advance:
-    """A number of steps asked for while the simulation is paused."""
-
-    def __init__(self, steps: int, on_step: Callable[[int, bool], None]) -> None:
-        self.steps, self.completed, self.on_step = steps, 0, on_step
 
 
 class Stepper:
@@ -61,16 +74,14 @@ class Stepper:
         self._simulator = simulator
         self._publish = publish
         self._seed, self._lane = seed, lane
-        self._hold_ns = None if hold_ns is None else max(hold_ns, STEP_NS)
+        self._is_lockstep = hold_ns is None
         self._lock = threading.RLock()
-        self._state = RunState.STOPPED
-        self._observation: Observation | None = None
-        self._is_published = False
+        self._state, self._phase = RunState.STOPPED, Phase.NONE
+        self._observation: Observation | None = None  # None in the phase NONE alone
+        self._answer: WheelVelocities | None = None  # of the phase ANSWERED
+        self._held = HeldCommand(hold_ns)
+        self._requested: RequestedSteps | None = None
         self._on_published: list[OnPublished] = []
-        self._answer: WheelVelocities | None = None
-        self._command = STANDSTILL
-        self._command_ns = 0
-        self._advance: _Advance | None = None
         self.ignored_commands = 0
         self.steps = 0
 
@@ -80,9 +91,14 @@ class Stepper:
         return self._state
 
     @property
+    def phase(self) -> Phase:
+        """What has become of the last observation."""
+        return self._phase
+
+    @property
     def is_lockstep(self) -> bool:
         """Whether each observation waits for its answer."""
-        return self._hold_ns is None
+        return self._is_lockstep
 
     @property
     def observation(self) -> Observation | None:
@@ -93,13 +109,13 @@ class Stepper:
     def is_waiting(self) -> bool:
         """Whether a lockstep observation is out that nobody has answered."""
         with self._lock:
-            return self._hold_ns is None and self._may_step and self._answer is None
+            return self._is_lockstep and self._phase is Phase.WAITING and self._may_step
 
     @property
     def lacks_subscribers(self) -> bool:
         """Whether an observation is not out yet, since not all are there who must hear it."""
         with self._lock:
-            return self._observation is not None and not self._is_published
+            return self._phase is Phase.HELD
 
     @property
     def is_awaited(self) -> bool:
@@ -119,7 +135,7 @@ class Stepper:
         In lockstep the last one of an episode is answered, too.
         """
         with self._lock:
-            return self._hold_ns is not None or self._answer is not None
+            return not self._is_lockstep or self._phase is Phase.ANSWERED
 
     def begin(
         self,
@@ -158,7 +174,7 @@ class Stepper:
             self.cancel_advance()
             if self._state is RunState.STOPPED:
                 self._state = RunState.PLAYING
-            self._command = STANDSTILL
+            self._held.replace(STANDSTILL)
             self._tell_of(None)
             self._show(observation, on_published)
 
@@ -174,7 +190,7 @@ class Stepper:
         with self._lock:
             if self._observation is None:
                 raise SpikelaneError('no episode has begun: reset the simulation first')
-            self._command_ns = 0
+            self._held.begin_time_again()
             self._show(self._simulator.reset_time(), on_published)
 
     def command(self, stamp_ns: int | None, wheels: WheelVelocities) -> None:
@@ -185,23 +201,19 @@ class Stepper:
             wheels: The velocities.
         """
         with self._lock:
-            if self._hold_ns is not None:
-                self._command, self._command_ns = wheels, self._simulator.time_ns
-            elif (
-                self._observation is None
-                or not self._is_published
-                or stamp_ns != self._observation.stamp_ns
-                or self._answer is not None
-            ):
-                self.ignored_commands += 1
-            else:
+            is_right = self._observation is not None and stamp_ns == self._observation.stamp_ns
+            if not self._is_lockstep:
+                self._held.give(wheels, self._simulator.time_ns)
+            elif self._phase is Phase.WAITING and is_right:
                 self._take_answer(wheels)
+            else:
+                self.ignored_commands += 1
 
     def tick(self) -> None:
         """Take one step of real time, if the simulation plays and an episode runs."""
         with self._lock:
             if self._state is RunState.PLAYING and self._may_step:
-                self._step(self._held_command())
+                self._step(self._held.wheels(self._simulator.time_ns))
 
     def play(self) -> None:
         """Go on, or begin where nothing has begun."""
@@ -228,8 +240,7 @@ class Stepper:
         with self._lock:
             if self._state is not RunState.QUITTING:
                 self._state = RunState.STOPPED
-            self._observation = None
-            self._answer = None
+            self._phase, self._observation, self._answer = Phase.NONE, None, None
             self._simulator.clear(self._lane)
             self.cancel_advance()
             self._tell_of(None)
@@ -263,13 +274,13 @@ class Stepper:
         with self._lock:
             if self._state is not RunState.PAUSED:
                 raise SpikelaneError('steps can be asked for only while the simulation is paused')
-            if self._advance is not None:
+            if self._requested is not None:
                 raise SpikelaneError('other steps are being taken')
             if self._observation is None:
                 self.begin(from_time_zero=True)
             if not self._is_running:
                 raise SpikelaneError('the episode is over: reset the simulation first')
-            self._advance = _Advance(steps, on_step)
+            self._requested = RequestedSteps(steps, on_step)
             if self._answer is not None:
                 self._take_answer(self._answer)
 
@@ -280,19 +291,19 @@ class Stepper:
             Whether a step was taken.
         """
         with self._lock:
-            if self._advance is None or not self._is_running:
+            if self._requested is None or not self._is_running:
                 return False
-            if self._hold_ns is None and self._publish.has_controller():
+            if self._is_lockstep and self._publish.has_controller():
                 return False
-            self._step(self._held_command())
+            self._step(self._held.wheels(self._simulator.time_ns))
             return True
 
     def cancel_advance(self) -> None:
         """Take no more of the steps asked for."""
         with self._lock:
-            advance, self._advance = self._advance, None
-            if advance is not None:
-                advance.on_step(advance.completed, True)
+            requested, self._requested = self._requested, None
+            if requested is not None:
+                requested.cancel()
 
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Move the robot elsewhere between two steps; see `Simulator.place`.
@@ -313,7 +324,7 @@ class Stepper:
             has_grown: Whether somebody has missed it: then it is published again.
         """
         with self._lock:
-            if self._observation is not None and (has_grown or not self._is_published):
+            if has_grown or self._phase is Phase.HELD:
                 self._publish_if_heard()
 
     @property
@@ -323,49 +334,40 @@ class Stepper:
 
     @property
     def _may_step(self) -> bool:
-        is_asked = self._state is RunState.PLAYING or self._advance is not None
-        return is_asked and self._is_running and self._is_published
+        is_asked = self._state is RunState.PLAYING or self._requested is not None
+        return is_asked and self._is_running and self._phase is not Phase.HELD
 
     def _take_answer(self, wheels: WheelVelocities) -> None:
         if self._may_step:
             self._step(wheels)
         else:
-            self._answer = wheels
+            self._phase, self._answer = Phase.ANSWERED, wheels
 
     def _step(self, wheels: WheelVelocities) -> None:
-        self._command = wheels
+        self._held.replace(wheels)
         observation = self._simulator.step(wheels)
         self.steps += 1
         self._show(observation)
-        advance = self._advance
-        if advance is not None:
-            advance.completed += 1
-            is_over = advance.completed >= advance.steps or not self._is_running
-            if is_over:
-                self._advance = None
-            advance.on_step(advance.completed, is_over)
-
-    def _held_command(self) -> WheelVelocities:
-        if self._hold_ns is None:
-            return self._command
-        is_fresh = self._simulator.time_ns - self._command_ns < self._hold_ns
-        return self._command if is_fresh else STANDSTILL
+        requested = self._requested
+        if requested is not None:
+            if requested.count(self._is_running):
+                self._requested = None
+            requested.tell()
 
     def _show(self, observation: Observation, on_published: OnPublished | None = None) -> None:
-        self._observation = observation
-        self._answer = None
-        self._is_published = False
+        self._phase, self._observation, self._answer = Phase.HELD, observation, None
         if on_published is not None:
             self._on_published.append(on_published)
         self._publish_if_heard()
 
     def _publish_if_heard(self) -> None:
-        observation = self._observation
+        observation, is_new = self._observation, self._phase is Phase.HELD
         if observation is None or self._state is RunState.QUITTING:
             return
-        if not (self._is_published or self._publish.has_subscribers()):
+        if is_new and not self._publish.has_subscribers():
             return
-        is_new, self._is_published = not self._is_published, True
+        if is_new:
+            self._phase = Phase.WAITING
         self._publish.observation(observation, is_new)
         self._tell_of(observation)
 

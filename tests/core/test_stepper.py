@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import textwrap
 import threading
 
 import pytest
 
+from spikelane_sim import stepper as stepper_module
 from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.run_state import Publish, RunState
@@ -87,6 +89,130 @@ class Progress:
     def __call__(self, completed: int, is_over: bool) -> None:
         """Take one report."""
         self.calls.append((completed, is_over))
+
+
+# The table of states.
+
+#: As in the module: what becomes of a state and phase; + is a step, - no change, ! an error.
+TABLE = """
+================  =======  =========  ========  ========  =========  ========  =======
+state, phase      begin    answer     heard     play      pause      advance   stop
+================  =======  =========  ========  ========  =========  ========  =======
+stopped, none     playing  -          -         playing   paused     !         -
+playing, held     playing  -          playing   -         paused/h   !         stopped
+playing, waiting  playing  playing +  -         -         paused/w   !         stopped
+paused, none      paused/w -          -         playing   -          steps     stopped
+paused, held      paused/w -          paused/w  playing/h -          steps/h   stopped
+paused, waiting   paused/w paused/a   -         playing   -          steps     stopped
+paused, answered  paused/w -          -         playing + -          paused/w+ stopped
+steps asked for   paused/w paused/w+  -         playing   -          !         stopped
+quitting          -        -          -         -         -          !         -
+================  =======  =========  ========  ========  =========  ========  =======
+""".strip()
+_ROW_STARTS = (0, 18, 27, 38, 48, 58, 69, 79)
+_ROWS = [
+    [line[a:b].strip() for a, b in zip(_ROW_STARTS, (*_ROW_STARTS[1:], None), strict=True)]
+    for line in TABLE.splitlines()
+    if not line.startswith('=')
+]
+#: How each state of the table is reached; a world without an audience holds observations.
+_HELD_ROWS = ('playing, held', 'paused, held')
+_PREPARE: dict[str, tuple[str, ...]] = {
+    'stopped, none': (),
+    'playing, held': ('begin',),
+    'playing, waiting': ('begin',),
+    'paused, none': ('pause',),
+    'paused, held': ('pause', 'begin'),
+    'paused, waiting': ('pause', 'begin'),
+    'paused, answered': ('pause', 'begin', 'answer'),
+    'steps asked for': ('pause', 'begin', 'advance'),
+    'quitting': ('begin', 'quit'),
+}
+_SHORT = {
+    'stopped': 'stopped, none',
+    'playing': 'playing, waiting',
+    'playing/h': 'playing, held',
+    'paused': 'paused, none',
+    'paused/h': 'paused, held',
+    'paused/w': 'paused, waiting',
+    'paused/a': 'paused, answered',
+    'steps': 'steps asked for',
+    'steps/h': 'steps held',
+}
+
+
+def do(stepper: Stepper, what: str) -> None:
+    """Do what a column of the table says."""
+    answered = stepper.observation.stamp_ns if stepper.observation else STEP_NS
+    {
+        'begin': stepper.begin,
+        'answer': lambda: stepper.command(answered, AHEAD),
+        'heard': lambda: stepper.audience_changed(has_grown=False),
+        'play': stepper.play,
+        'pause': stepper.pause,
+        'advance': lambda: stepper.advance(1, Progress()),
+        'stop': stepper.stop,
+        'quit': stepper.quit,
+    }[what]()
+
+
+def row_of(stepper: Stepper) -> str:
+    """Return which row of the table a stepper is in."""
+    state, phase = stepper.state.name.lower(), stepper.phase.name.lower()
+    if stepper.state is RunState.QUITTING:
+        return 'quitting'
+    if stepper.state is RunState.PAUSED and stepper._requested is not None:
+        return 'steps held' if phase == 'held' else 'steps asked for'
+    return f'{state}, {phase}'
+
+
+def test_the_table_is_the_one_in_the_module() -> None:
+    """Every cell of it is tested here."""
+    assert stepper_module.__doc__ is not None
+    assert textwrap.indent(TABLE, '    ') in stepper_module.__doc__
+    assert [row[0] for row in _ROWS[1:]] == list(_PREPARE)
+
+
+@pytest.mark.parametrize(
+    ('row', 'what', 'becomes'),
+    [
+        (row[0], what, cell)
+        for row in _ROWS[1:]
+        for what, cell in zip(_ROWS[0][1:], row[1:], strict=True)
+    ],
+)
+def test_each_state_becomes_what_the_table_says(
+    stepper: Stepper, world: World, row: str, what: str, becomes: str
+) -> None:
+    """And takes a step where the table says so."""
+    world.has_subscribers = row not in _HELD_ROWS
+    for each in _PREPARE[row]:
+        do(stepper, each)
+    assert row_of(stepper) == row
+    # Who has to hear it is there from now on, but for what leaves the observation held.
+    world.has_subscribers = world.has_subscribers or what in ('begin', 'heard')
+    if becomes == '!':
+        with pytest.raises(SpikelaneError):
+            do(stepper, what)
+        assert (row_of(stepper), stepper.steps) == (row, 0)
+        return
+    do(stepper, what)
+    is_step = becomes.endswith('+')
+    expected = row if becomes == '-' else _SHORT[becomes.rstrip(' +')]
+    assert (row_of(stepper), stepper.steps) == (expected, int(is_step))
+
+
+def test_an_answer_after_the_episode_takes_no_step(stepper: Stepper) -> None:
+    """The observation is answered, in play as in a pause."""
+    stepper.begin()
+    for step in range(1, 31):
+        stepper.command(step * STEP_NS, AHEAD)
+    assert row_of(stepper) == 'playing, waiting'
+    stepper.command(31 * STEP_NS, AHEAD)
+    assert (row_of(stepper), stepper.steps) == ('playing, answered', 30)
+    stepper.pause()
+    stepper.play()
+    assert (row_of(stepper), stepper.steps) == ('playing, answered', 30)
 
 
 # Lockstep.
