@@ -5,7 +5,7 @@ What needs no simulator of its own and no ROS is here; `spikelane.check` adds tr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import contextlib
 import dataclasses
 import math
@@ -23,7 +23,13 @@ from spikelane_controllers.learning.training import controller_state, state_chec
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import ControllerClass
 from spikelane_controllers.shown import Shown, shown_by
-from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
+from spikelane_sim.contract import (
+    Controller,
+    controller_rng,
+    Observation,
+    sensors_of,
+    WheelVelocities,
+)
 from spikelane_sim.errors import one_line, SpikelaneError
 from spikelane_sim.events import make_events, no_events
 from spikelane_sim.parameters import Parameters
@@ -88,7 +94,11 @@ def check_controller(
     if made is None:
         return violations.found
     make, values = made
-    observations = _observations(values)
+    observations: list[Observation] = []
+    with violations.guard('attribute sensors'):
+        observations = _observations(values, sensors_of(cls))
+    if not observations:
+        return violations.found
     checks: dict[str, Callable[[], None]] = {
         'reset and step': lambda: _check_drive(violations, make, observations),
         'same seed, same answers': lambda: _check_determinism(violations, make, observations),
@@ -128,11 +138,12 @@ def _make(
     return None
 
 
-def _observations(parameters: Parameters) -> list[Observation]:
+def _observations(parameters: Parameters, sensors: Collection[str]) -> list[Observation]:
     """Return the observations of a drive straight ahead."""
     width, height = image_size(parameters)
     simulated = {'robot.engine': 'kinematic', 'camera.width': width, 'camera.height': height}
-    with Simulator(SimulatorParameters.from_mapping(simulated)) as simulator:
+    made = SimulatorParameters.from_mapping(simulated)
+    with Simulator(made, sensors=sensors) as simulator:
         seen = [simulator.reset('outer', _SEED)]
         seen += [simulator.step(WheelVelocities(1.0, 1.0)) for _ in range(STEPS)]
     return seen
@@ -271,7 +282,7 @@ def _check_odd(violations: Violations, make: Callable[[], Controller], first: Ob
         'without events': first._replace(events=no_events()),
         f'with {_MANY_EVENTS} events at one pixel': first._replace(events=many),
         'without a lane': first._replace(lane=None),
-        'with neither events nor a lane': Observation(stamp_ns, no_events(), None),
+        'with neither events nor a lane': first._replace(events=no_events(), lane=None),
     }
     for what, observation in odd.items():
         with violations.guard(f'observation {what}'):

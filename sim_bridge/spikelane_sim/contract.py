@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 
 #: One step of simulation [ns] (paper section 3.2: an event frame every 50 ms).
@@ -69,12 +70,27 @@ TERMINATED_STEP_LIMIT = 'step_limit'
 TERMINATED_NO_PROGRESS = 'no_progress'
 
 
+class WheelEncoders(NamedTuple):
+    """What the encoders of the wheels measure at the end of a step."""
+
+    angles: tuple[float, float]  # left, right [rad], 0 where the robot was placed
+    velocities: tuple[float, float]  # left, right [rad/s], forward positive
+
+
+#: The sensors that a controller may be given, by their names in `Observation`.
+SENSORS = ('events', 'encoders')
+
+
 class Observation(NamedTuple):
-    """What a controller is given after each step."""
+    """What a controller is given after each step: the sensors of SENSORS, and the lane.
+
+    A sensor is given if the controller uses it, see `sensors_of`; another one is None.
+    """
 
     stamp_ns: int  # simulation time at the end of the step
-    events: Events  # of this step, in the order of time, row, column
+    events: Events  # of this step, in the order of time, row, column; always given
     lane: LaneState | None  # None where nobody knows it: a real camera
+    encoders: WheelEncoders | None = None  # at the end of this step
 
 
 class Robot(Protocol):
@@ -100,13 +116,29 @@ class Robot(Protocol):
 
 
 class Controller(Protocol):
-    """Turns events into wheel velocities."""
+    """Turns observations into wheel velocities.
+
+    A class that uses other sensors than events names all of them in an attribute `sensors`, as
+    ('events', 'encoders').
+    """
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode; all randomness until the next reset comes from rng."""
 
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation."""
+
+
+def sensors_of(controller: object) -> tuple[str, ...]:
+    """Return the sensors that a controller, or a class of controllers, uses; of SENSORS.
+
+    Raises:
+        ParameterError: It names others.
+    """
+    found = getattr(controller, 'sensors', SENSORS[:1])
+    if not isinstance(found, tuple) or not set(found) <= set(SENSORS):
+        raise ParameterError(f'sensors: expected a tuple out of {SENSORS}, got {found!r:.80}')
+    return found
 
 
 def controller_rng(seed: int, episode: int) -> np.random.Generator:

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from spikelane_sim.contract import LaneState, WheelVelocities
+from spikelane_sim.contract import LaneState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError
 from spikelane_sim.sensor import ReceivedPacket
 
 _SECOND_NS = 1_000_000_000
+#: Names of the wheels' joints, left and right.
+WHEEL_JOINTS = ('left_wheel_joint', 'right_wheel_joint')
 
 
 def to_stamp_ns(time: Any) -> int:
@@ -58,6 +60,33 @@ def lane_state_from_message(message: Any) -> LaneState:
 def wheels_from_message(message: Any) -> WheelVelocities:
     """Return the wheel velocities of a spikelane_msgs/WheelVelocities [rad/s]."""
     return WheelVelocities(message.left, message.right)
+
+
+def encoders_from_message(message: Any) -> WheelEncoders | None:
+    """Return what a sensor_msgs/JointState says of the wheels, None if it has none of them.
+
+    Raises:
+        MessageError: A wheel has no position or velocity, or one that is not finite.
+    """
+    names = list(message.name)
+    if not set(WHEEL_JOINTS) <= set(names):
+        return None
+    places = [names.index(joint) for joint in WHEEL_JOINTS]
+    counts = len(message.position), len(message.velocity)
+    if min(counts) <= max(places):
+        raise MessageError(
+            f'joint state: expected a position and a velocity of each of {len(names)} joints, '
+            f'got {counts[0]} and {counts[1]}'
+        )
+    angles, velocities = (
+        tuple(float(values[place]) for place in places)
+        for values in (message.position, message.velocity)
+    )
+    if not all(map(math.isfinite, (*angles, *velocities))):
+        raise MessageError(
+            f'joint state: expected finite numbers of the wheels, got {angles}, {velocities}'
+        )
+    return WheelEncoders((angles[0], angles[1]), (velocities[0], velocities[1]))
 
 
 def received_packet(message: Any) -> ReceivedPacket:

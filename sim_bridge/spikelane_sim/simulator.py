@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 import math
 from types import TracebackType
@@ -25,6 +25,7 @@ from spikelane_sim.contract import (
     TERMINATED_LAPS_COMPLETE,
     TERMINATED_NO_PROGRESS,
     TERMINATED_STEP_LIMIT,
+    WheelEncoders,
     WheelVelocities,
 )
 from spikelane_sim.course import advance, load_course
@@ -144,6 +145,7 @@ class Simulator:
         *,
         robot: Robot | None = None,
         camera: CameraModel | None = None,
+        sensors: Collection[str] = ('events',),
     ) -> None:
         """Build the course, and the robot and the camera where they are not given.
 
@@ -154,6 +156,7 @@ class Simulator:
             robot: The robot; the simulator closes it. Its steps have as many poses as
                 `parameters.pixels` has images in a step.
             camera: The camera.
+            sensors: What observations have, of `contract.SENSORS`; events are always there.
 
         Raises:
             SpikelaneError: The course or a combination of parameters cannot be simulated.
@@ -161,6 +164,7 @@ class Simulator:
         self.parameters = parameters or SimulatorParameters()
         self.course = load_course(self.parameters.course)
         self._area = self.course.area(AREA_MARGIN_M)
+        self._has_encoders = 'encoders' in sensors
         self.command_counts = CommandCounts()
         size = self.parameters.camera
         self._pixels = make_pixel_model(self.parameters.pixels, size.width, size.height)
@@ -352,7 +356,12 @@ class Simulator:
         self._time_ns += STEP_NS
         images = self._camera.render_many(poses)
         events = self._pixels.step(images, start_ns, self._time_ns)
-        return Observation(self._time_ns, self._link.carry_events(events), self._lane_state)
+        encoders = None
+        if self._has_encoders:
+            state = self._robot.state
+            encoders = WheelEncoders(state.wheel_angles, state.wheel_velocities)
+        carried = self._link.carry_events(events)
+        return Observation(self._time_ns, carried, self._lane_state, encoders)
 
     def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
         left, right = wheels

@@ -8,7 +8,12 @@ from types import SimpleNamespace
 import pytest
 
 from spikelane_sim.errors import MessageError
-from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
+from spikelane_sim.messages import (
+    encoders_from_message,
+    lane_state_from_message,
+    to_stamp_ns,
+    WHEEL_JOINTS,
+)
 
 NUMBERS = ('distance', 'heading_error', 'position', 'progress')
 
@@ -39,3 +44,28 @@ def test_a_lane_state_that_is_not_finite_is_refused(name: str, value: float) -> 
     assert lane_state_from_message(SimpleNamespace(**fields)).distance_m == 0.5
     with pytest.raises(MessageError, match='lane state: expected finite distance'):
         lane_state_from_message(SimpleNamespace(**fields | {name: value}))
+
+
+def test_the_wheels_are_found_among_other_joints() -> None:
+    """By their names; a message without them says nothing of the wheels."""
+    names = ['arm', 'right_wheel_joint', 'left_wheel_joint']
+    message = SimpleNamespace(name=names, position=[9.0, 0.2, 0.1], velocity=[8.0, 2.0, 1.0])
+    assert encoders_from_message(message) == ((0.1, 0.2), (1.0, 2.0))
+    message.name = ['arm', 'right_wheel_joint', 'leg']
+    assert encoders_from_message(message) is None
+
+
+@pytest.mark.parametrize(
+    ('velocity', 'expected'),
+    [
+        ([1.0], 'a position and a velocity of each of 2 joints, got 2 and 1'),
+        ([1.0, math.nan], 'finite'),
+    ],
+)
+def test_joint_states_without_a_wheels_velocity_are_refused(
+    velocity: list[float], expected: str
+) -> None:
+    """One is lacking, or not finite."""
+    message = SimpleNamespace(name=WHEEL_JOINTS, position=[0.1, 0.2], velocity=velocity)
+    with pytest.raises(MessageError, match=f'joint state: expected {expected}'):
+        encoders_from_message(message)

@@ -9,12 +9,32 @@ from numpy.typing import NDArray
 import pytest
 
 from spikelane_sim.camera import Camera, CameraParameters
-from spikelane_sim.contract import RobotState, WheelVelocities
+from spikelane_sim.contract import RobotState, sensors_of, WheelVelocities
 from spikelane_sim.course import load_course
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
 PARAMETERS = SimulatorParameters.from_mapping({'camera': {'width': 32, 'height': 16}})
+
+
+def test_observations_have_the_encoders_that_are_asked_for() -> None:
+    """What the robot's state says at the step's end; without asking there are none."""
+    values = SimulatorParameters.from_mapping({'robot.engine': 'kinematic'})
+    wheels = WheelVelocities(2.0, 1.0)
+    with Simulator(values, sensors=('events', 'encoders')) as measured, Simulator(values) as bare:
+        assert measured.reset('outer', 1).encoders == ((0.0, 0.0), (0.0, 0.0))
+        assert measured.step(wheels).encoders == ((0.1, 0.05), (2.0, 1.0))
+        assert measured.step(wheels).encoders == ((0.2, 0.1), (2.0, 1.0))
+        assert bare.reset('outer', 1).encoders is None
+        assert bare.step(wheels).encoders is None
+
+
+@pytest.mark.parametrize('sensors', [('events', 'sonar'), 'events', None])
+def test_a_class_with_unknown_sensors_is_refused(sensors: object) -> None:
+    """Also where the attribute is no tuple."""
+    with pytest.raises(ParameterError, match=r"^sensors: expected a tuple out of \('events', "):
+        sensors_of(type('Wrong', (), {'sensors': sensors}))
+    assert sensors_of(object()) == ('events',)
 
 
 class Sled:

@@ -155,8 +155,8 @@ def run_python(
 def run(workspace: Path) -> Run:
     """Give `spikelane COMMAND ...` in the workspace."""
 
-    def run_command(*arguments: str, status: int = 0) -> dict[str, Any]:
-        given = (*arguments, '--robot', 'kinematic', '--json')
+    def run_command(*arguments: str, status: int = 0, robot: str = 'kinematic') -> dict[str, Any]:
+        given = (*arguments, '--robot', robot, '--json')
         ended = run_python(workspace, '-m', 'spikelane.main', *given)
         assert ended.returncode == status, ended.stderr
         result = json.loads(ended.stdout)
@@ -174,7 +174,7 @@ def test_the_page_shows_the_files_that_are_tested() -> None:
     for path, text in shown.items():
         assert (DOCS / path).read_text('utf-8') == text
     names = {Path(path).name for path in shown}
-    assert names == {'balance.py', 'cards.py', 'learning_balance.py', 'setup.py'}
+    assert names == {'balance.py', 'cards.py', 'learning_balance.py', 'metered.py', 'setup.py'}
 
 
 def test_a_controller_takes_one_module_and_one_card() -> None:
@@ -191,6 +191,7 @@ def test_a_controller_takes_one_module_and_one_card() -> None:
         'my_controllers/cards.py',
         'my_controllers/balance.py',
         'my_controllers/learning_balance.py',
+        'my_controllers/metered.py',
     }
 
 
@@ -213,6 +214,53 @@ def test_its_node_drives_as_in_one_process(run: Run) -> None:
         assert (result['controller'], result['steps']) == ('balance', 100)
         rows.append(Path(result['folder'], 'trajectory.csv').read_text())
     assert rows[0] == rows[1]
+
+
+def test_encoders_are_the_same_in_one_process_over_ros_and_replayed(
+    run: Run, workspace: Path
+) -> None:
+    """The same trajectory and the same answers; a bag without encoders is refused."""
+    limit = ('--param', 'simulator.episode.max_steps=100')
+    folders = []
+    for transport in ('inprocess', 'ros'):
+        drive = ('lap', '--controller', 'metered', '--transport', transport)
+        folders.append(run(*drive, *limit, status=1, robot='pybullet')['folder'])
+    rows = [Path(folder, 'trajectory.csv').read_text() for folder in folders]
+    assert rows[0] == rows[1]
+    told = run_python(workspace, '-m', 'spikelane.main', 'replay', f'{folders[1]}/bag', '--json')
+    result = json.loads(told.stdout)
+    assert (told.returncode, result['answers'], result['equal']) == (0, 101, 101)
+    assert replayed_over_ros(workspace, f'{folders[1]}/bag') == (0, 101, 101)
+    bare = run('lap', '--controller', 'balance', *limit, '--transport', 'ros', status=1)
+    replay = ('replay', f'{bare["folder"]}/bag', '--controller', 'metered')
+    told = run_python(workspace, '-m', 'spikelane.main', *replay)
+    assert told.returncode == 1
+    assert 'expected joint_states of the wheels with the stamp 50000000 ns' in told.stderr
+    assert replayed_over_ros(workspace, f'{bare["folder"]}/bag') == (1, None, None)
+
+
+def replayed_over_ros(workspace: Path, bag: str) -> tuple[int, int | None, int | None]:
+    """Replay a bag to the node `metered`; return the status, the answers and the equal ones."""
+    nodes = """
+source install/setup.bash
+"$0" -m spikelane.main node metered &
+timeout -s INT 100 "$0" -m spikelane.main node replay --ros-args -p bag:="$1"
+status=$?
+kill -TERM %1; wait %1
+exit $status
+"""
+    with domain_id() as domain:
+        ended = subprocess.run(
+            ['bash', '-c', nodes, sys.executable, bag],
+            cwd=workspace,
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ
+            | {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+        )
+    result = json.loads(ended.stdout or '{}')
+    return ended.returncode, result.get('answers'), result.get('equal')
 
 
 def test_what_learns_is_trained_and_resumed(run: Run) -> None:

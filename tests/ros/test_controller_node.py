@@ -16,7 +16,7 @@ from spikelane_controllers.braitenberg.controller import (
     Braitenberg,
     BraitenbergParameters,
 )
-from spikelane_controllers.nodes.controller import ControllerNodeParameters
+from spikelane_controllers.nodes.controller_parameters import ControllerNodeParameters
 from spikelane_sim import messages
 from spikelane_sim.contract import controller_rng, Observation
 from spikelane_sim.contract import WheelVelocities as Wheels

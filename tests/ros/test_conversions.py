@@ -21,7 +21,7 @@ from spikelane_sim.course import load_course
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import make_events, no_events
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.pairing import KEPT, StampPairs
+from spikelane_sim.nodes.pairing import KEPT, StampGroups
 
 pytestmark = pytest.mark.ros
 
@@ -154,7 +154,7 @@ def test_joints_are_left_then_right() -> None:
     conversions.fill_joint_state(message, ROBOT, STAMP_NS)
     assert list(message.position) == [3.0, 4.0]
     assert list(message.velocity) == [5.0, 6.0]
-    assert conversions.WHEEL_JOINTS == ('left_wheel_joint', 'right_wheel_joint')
+    assert messages.WHEEL_JOINTS == ('left_wheel_joint', 'right_wheel_joint')
 
 
 def test_the_camera_is_described_as_ros_does() -> None:
@@ -238,24 +238,41 @@ def stamped(step: int, topic: int = 0) -> EventPacket:
 def test_messages_are_paired_by_stamp_in_whatever_order_they_come() -> None:
     """The first topic's message is handed on first; each is used once."""
     pairs = []
-    pairing = StampPairs(lambda *pair: pairs.append(pair))
+    pairing = StampGroups(lambda *pair: pairs.append(pair), 2)
     lanes, packets = [stamped(n) for n in range(3)], [stamped(n, 1) for n in range(3)]
-    pairing.add_first(lanes[0])
-    pairing.add_first(lanes[1])
-    pairing.add_second(packets[1])
-    pairing.add_second(packets[2])
-    pairing.add_second(packets[0])
-    pairing.add_first(lanes[2])
+    pairing.add(0, lanes[0])
+    pairing.add(0, lanes[1])
+    pairing.add(1, packets[1])
+    pairing.add(1, packets[2])
+    pairing.add(1, packets[0])
+    pairing.add(0, lanes[2])
     assert pairs == [(lanes[n], packets[n]) for n in (1, 0, 2)]
+
+
+def test_messages_of_three_topics_are_grouped() -> None:
+    """In the topics' order, once all are there."""
+    groups = []
+    grouping = StampGroups(lambda *group: groups.append(group), 3)
+    first, second = ([stamped(n, topic) for topic in range(3)] for n in range(2))
+    grouping.add(2, first[2])
+    assert grouping.lacks_others
+    grouping.add(0, first[0])
+    grouping.add(1, second[1])
+    grouping.add(2, second[2])
+    assert groups == []
+    grouping.add(1, first[1])
+    grouping.add(0, second[0])
+    assert groups == [tuple(first), tuple(second)]
+    assert not grouping.lacks_others
 
 
 def test_a_message_without_partner_is_not_kept_for_ever() -> None:
     """The oldest goes first."""
     pairs = []
-    pairing = StampPairs(lambda *pair: pairs.append(pair))
+    pairing = StampGroups(lambda *pair: pairs.append(pair), 2)
     for n in range(KEPT + 1):
-        pairing.add_first(stamped(n))
-    pairing.add_second(stamped(0))
+        pairing.add(0, stamped(n))
+    pairing.add(1, stamped(0))
     assert pairs == []
-    pairing.add_second(stamped(1))
+    pairing.add(1, stamped(1))
     assert len(pairs) == 1

@@ -8,78 +8,42 @@ starts first, nothing waits for what was sent too early.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import signal
 import threading
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
 
 from spikelane_controllers.controller_host import ControllerHost, image_size
+from spikelane_controllers.nodes.controller_parameters import (
+    ControllerNodeParameters,
+    RELIABILITIES,
+)
 from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Counts
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
 from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages, topic_names
-from spikelane_sim.binning import SensorParameters
-from spikelane_sim.contract import Controller, Observation
+from spikelane_sim.contract import Controller, Observation, sensors_of, WheelEncoders
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
-from spikelane_sim.nodes.pairing import StampPairs
+from spikelane_sim.nodes.pairing import StampGroups
 from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.topics import LATCHED
-from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
-RELIABILITIES = {
-    'auto': ReliabilityPolicy.RELIABLE,  # until a publisher is met that is not
-    'reliable': ReliabilityPolicy.RELIABLE,
-    'best_effort': ReliabilityPolicy.BEST_EFFORT,
-}
 _LOOK_PERIOD_S = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class ControllerNodeParameters(Parameters):
-    """How a controller takes part in a ROS graph."""
-
-    seed: int = parameter(0, "Seed of the controller's randomness.", low=0, high=2**63 - 1)
-    use_lane_state: bool = parameter(
-        True, 'Wait for lane/state with each event packet; false for a real camera.'
-    )
-    history_depth: int = parameter(
-        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
-    )
-    recorder_window_steps: int = parameter(
-        0,
-        'Steps that an answer to a simulator may be ahead of what the recorder has written, well '
-        'below history_depth; 0: nothing waits for a recorder.',
-        low=0,
-        high=10**6,
-    )
-    wait_for_subscribers: int = parameter(
-        0,
-        'Subscribers wheel_velocities must have before an answer is published.',
-        low=0,
-        high=1000,
-    )
-    reliability: str = parameter(
-        'auto',
-        'Reliability of the subscription to event_camera/events. auto: reliable, so that nothing '
-        'is lost, but best_effort where a publisher is, as the drivers of cameras are.',
-        choices=tuple(RELIABILITIES),
-    )
-    sensor: SensorParameters = nested(SensorParameters)
 
 
 class _Identity(NamedTuple):
@@ -124,7 +88,14 @@ class ControllerNode(Node):
         )
         self._received = self._lane_states = self._steps = 0
         self._reliability = RELIABILITIES[self._settings.reliability]
-        self._pairs = StampPairs(self._on_observation)
+        self._has_encoders = 'encoders' in sensors_of(self._driver)
+        if self._has_encoders and not self._settings.use_lane_state:
+            raise ParameterError(
+                f'use_lane_state: expected true, since {name} uses wheel encoders, which belong '
+                "to a simulator's observations"
+            )
+        self._encoders: WheelEncoders | None = None  # of the observation at hand
+        self._groups = StampGroups(self._on_group, 3 if self._has_encoders else 2)
         # A camera waits for nobody.
         is_lockstep = self._settings.use_lane_state
         steps = self._settings.recorder_window_steps if is_lockstep else 0
@@ -132,7 +103,7 @@ class ControllerNode(Node):
             steps, lambda: {each.topic: each.sent for each in (self._states, self._wheels)}
         )
         self._observations = DirectSubscriptions(
-            self, lambda: self._pairs.lacks_first or self._window.is_full
+            self, lambda: self._groups.lacks_others or self._window.is_full
         )
         self._subscribe()
         self._begin_to_look()
@@ -183,6 +154,14 @@ class ControllerNode(Node):
                 LaneState,
                 topic_names.LANE_STATE,
                 self._on_lane_state,
+                RELIABLE_10,
+                is_companion=True,
+            )
+        if self._has_encoders:
+            self._observations.subscribe(
+                JointState,
+                topic_names.JOINT_STATES,
+                self._on_joint_state,
                 RELIABLE_10,
                 is_companion=True,
             )
@@ -284,13 +263,22 @@ class ControllerNode(Node):
 
     def _on_lane_state(self, lane: LaneState) -> None:
         self._lane_states += 1
-        self._pairs.add_first(lane)
+        self._groups.add(0, lane)
+
+    def _on_joint_state(self, joints: JointState) -> None:
+        self._groups.add(1, joints)
+
+    def _on_group(self, lane: LaneState, *others: Any) -> None:
+        *joints, packet = others
+        for each in joints:
+            self._encoders = messages.encoders_from_message(each)
+        self._on_observation(lane, packet)
 
     def _on_packet(self, packet: EventPacket) -> None:
         self._received += 1
         try:
             if self._settings.use_lane_state:
-                self._pairs.add_second(packet)
+                self._groups.add(2 if self._has_encoders else 1, packet)
             else:
                 self._on_observation(None, packet)
         except ParameterError as error:  # no such part of an image, or not the size wanted
@@ -316,7 +304,7 @@ class ControllerNode(Node):
 
     def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
         lane_state = None if lane is None else messages.lane_state_from_message(lane)
-        observation = Observation(stamp_ns, events, lane_state)
+        observation = Observation(stamp_ns, events, lane_state, self._encoders)
         self._answer.left, self._answer.right = self._host.step(observation)
         self._answer.header.stamp = conversions.to_time(stamp_ns)
 

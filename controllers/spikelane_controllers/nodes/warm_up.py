@@ -6,7 +6,14 @@ from event_camera_msgs.msg import EventPacket
 from spikelane_msgs.msg import LaneState
 
 from spikelane_sim import messages
-from spikelane_sim.contract import Controller, controller_rng, Observation, STEP_NS
+from spikelane_sim.contract import (
+    Controller,
+    controller_rng,
+    Observation,
+    sensors_of,
+    STEP_NS,
+    WheelEncoders,
+)
 from spikelane_sim.events import no_events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.sensor import Sensor
@@ -21,7 +28,9 @@ def warm_up(controller: Controller, image_size: tuple[int, int]) -> None:
     packet = EventPacket(width=width, height=height)
     conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
     lane = messages.lane_state_from_message(LaneState())
+    still = WheelEncoders((0.0, 0.0), (0.0, 0.0))
+    encoders = still if 'encoders' in sensors_of(controller) else None
     controller.reset(controller_rng(0, 0))
     sensor = Sensor(width=width, height=height, has_lane=True)
     for step in sensor.add(messages.received_packet(packet)):
-        controller.step(Observation(step.stamp_ns, step.events, lane))
+        controller.step(Observation(step.stamp_ns, step.events, lane, encoders))

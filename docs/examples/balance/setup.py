@@ -14,10 +14,12 @@ setup(
         'console_scripts': [
             'balance = spikelane_controllers.nodes.main:main',
             'learning_balance = spikelane_controllers.nodes.main:main',
+            'metered = spikelane_controllers.nodes.main:main',
         ],
         'spikelane.controllers': [
             'balance = my_controllers.cards:BALANCE',
             'learning_balance = my_controllers.cards:LEARNING_BALANCE',
+            'metered = my_controllers.cards:METERED',
         ],
     },
 )

@@ -127,7 +127,7 @@ class Commands:
         self._notice()
 
     def _on_array(self, message: Float64MultiArray) -> None:
-        if len(message.data) == len(conversions.WHEEL_JOINTS):
+        if len(message.data) == len(messages.WHEEL_JOINTS):
             self._take(topic_names.WHEEL_ARRAY, None, WheelVelocities(*message.data))
             return
         self._refuse(

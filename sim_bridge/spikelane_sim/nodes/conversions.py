@@ -16,7 +16,7 @@ from spikelane_msgs.msg import LaneState as LaneStateMessage
 
 from spikelane_sim.camera import CameraModel
 from spikelane_sim.codecs import decode, encode
-from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
+from spikelane_sim.contract import LaneState, RobotState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError, PacketError
 from spikelane_sim.events import Events
 from spikelane_sim.messages import to_stamp_ns
@@ -25,7 +25,6 @@ from spikelane_sim.sensor import ReceivedPacket
 WORLD_FRAME = 'odom'
 BODY_FRAME = 'base_link'
 CAMERA_FRAME = 'event_camera_optical_frame'
-WHEEL_JOINTS = ('left_wheel_joint', 'right_wheel_joint')
 
 # What a robot on the ground is given as its state; it stands upright whatever was asked for.
 _MAX_HEIGHT_M = 1.0
@@ -195,9 +194,15 @@ def fill_event_image(message: Image, events: Events, stamp_ns: int) -> None:
 
 def fill_joint_state(message: JointState, robot: RobotState, stamp_ns: int) -> None:
     """Put the wheels' angles and velocities into a message."""
+    encoders = WheelEncoders(robot.wheel_angles, robot.wheel_velocities)
+    fill_encoders(message, encoders, stamp_ns)
+
+
+def fill_encoders(message: JointState, encoders: WheelEncoders, stamp_ns: int) -> None:
+    """Put what the wheels' encoders measure into a message."""
     message.header.stamp = to_time(stamp_ns)
-    message.position = list(robot.wheel_angles)
-    message.velocity = list(robot.wheel_velocities)
+    message.position = list(encoders.angles)
+    message.velocity = list(encoders.velocities)
 
 
 def check_entity_state(state: EntityState) -> None:

@@ -1,4 +1,4 @@
-"""Pairs the messages of two topics by their stamps."""
+"""Groups the messages of several topics by their stamps."""
 
 from __future__ import annotations
 
@@ -7,42 +7,40 @@ from typing import Any
 
 from spikelane_sim.messages import to_stamp_ns
 
-KEPT = 16  # of either topic, for a partner that is late
+KEPT = 16  # of each topic, for a message of another one that is late
 
 
-class StampPairs:
-    """Hands on a message of each of two topics once both with the same stamp are there."""
+class StampGroups:
+    """Hands on a message of each of several topics once all with the same stamp are there."""
 
-    def __init__(self, on_pair: Callable[[Any, Any], None]) -> None:
-        """Pair messages with a header; on_pair is called with one of either topic."""
-        self._on_pair = on_pair
-        self._waiting: tuple[dict[int, Any], ...] = ({}, {})
+    def __init__(self, on_group: Callable[..., None], topics: int) -> None:
+        """Group messages with a header.
+
+        Args:
+            on_group: Called with a message of each topic, in their order.
+            topics: How many there are.
+        """
+        self._on_group = on_group
+        self._waiting: tuple[dict[int, Any], ...] = tuple({} for _ in range(topics))
 
     @property
-    def lacks_first(self) -> bool:
-        """Whether a message of the second topic waits for its partner."""
-        return bool(self._waiting[1])
+    def lacks_others(self) -> bool:
+        """Whether a message of the last topic waits for those of the others."""
+        return bool(self._waiting[-1])
 
-    def add_first(self, message: Any) -> None:
-        """Take a message of the first topic.
+    def add(self, topic: int, message: Any) -> None:
+        """Take a message of a topic, numbered from 0.
 
         Raises:
-            MessageError: Its stamp is not normalised; `add_second` too.
+            MessageError: Its stamp is not normalised.
         """
-        self._add(0, message)
-
-    def add_second(self, message: Any) -> None:
-        """Take a message of the second topic."""
-        self._add(1, message)
-
-    def _add(self, topic: int, message: Any) -> None:
         stamp = to_stamp_ns(message.header.stamp)
-        partner = self._waiting[1 - topic].pop(stamp, None)
-        if partner is None:
-            waiting = self._waiting[topic]
-            waiting[stamp] = message
-            if len(waiting) > KEPT:
-                del waiting[next(iter(waiting))]
-        else:
-            first, second = (message, partner) if topic == 0 else (partner, message)
-            self._on_pair(first, second)
+        others = [each for number, each in enumerate(self._waiting) if number != topic]
+        if all(stamp in each for each in others):
+            group = [each.pop(stamp) for each in others]
+            self._on_group(*group[:topic], message, *group[topic:])
+            return
+        waiting = self._waiting[topic]
+        waiting[stamp] = message
+        if len(waiting) > KEPT:
+            del waiting[next(iter(waiting))]

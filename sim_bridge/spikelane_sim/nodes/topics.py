@@ -19,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
+from spikelane_sim.messages import WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.robots.registry import robot_model
@@ -118,7 +119,7 @@ class SimulatorTopics:
         self._transform.header.frame_id = conversions.WORLD_FRAME
         self._odometry = Odometry(child_frame_id=conversions.BODY_FRAME)
         self._odometry.header.frame_id = conversions.WORLD_FRAME
-        self._joints = JointState(name=list(conversions.WHEEL_JOINTS))
+        self._joints = JointState(name=list(WHEEL_JOINTS))
         self._camera_info = conversions.camera_info(simulator.camera)
         self._image = Image(width=camera.width, height=camera.height, encoding='bgr8')
         self._image.step = 3 * camera.width

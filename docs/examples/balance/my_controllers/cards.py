@@ -7,6 +7,11 @@ BALANCE = ControllerCard(
     title='Balance',
 )
 
+METERED = ControllerCard(
+    controller='my_controllers.metered:Metered',
+    title='Balance with encoders',
+)
+
 LEARNING_BALANCE = ControllerCard(
     controller='my_controllers.learning_balance:LearningBalance',
     title='Learning balance',

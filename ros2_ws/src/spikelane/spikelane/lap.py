@@ -20,9 +20,10 @@ from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane_controllers.operations import Operations, sum_operations
+from spikelane_controllers.registry import controller_class
 from spikelane_controllers.shown import shown_by
 from spikelane_controllers.weights import shipped_weights
-from spikelane_sim.contract import Observation, STEP_S, WheelVelocities
+from spikelane_sim.contract import Observation, sensors_of, STEP_S, WheelVelocities
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.simulator import Simulator, SimulatorParameters
 
@@ -127,7 +128,8 @@ def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
     recorder = TrajectoryRecorder()
     operations: list[Operations] = []
     controller = configured_controller(config)
-    with Simulator(config.simulator) as simulator:
+    sensors = sensors_of(controller_class(config.controller))
+    with Simulator(config.simulator, sensors=sensors) as simulator:
 
         def on_step(observation: Observation, wheels: WheelVelocities) -> None:
             recorder.append(observation, simulator.robot_state, wheels)

@@ -15,22 +15,25 @@ import time
 from typing import Any, NamedTuple
 
 from spikelane.answer_comparison import Answer, compare, drive_metrics, write_answers
-from spikelane.bag.drive import RecordedDrive
+from spikelane.bag.drive import DrivePacket, RecordedDrive
 from spikelane.configuration import configured_controller
 from spikelane.interruption import check
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_controllers.registry import controller_class
+from spikelane_sim import topic_names
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.contract import (
     controller_rng,
     Observation,
+    sensors_of,
     STEP_NS,
     STEP_S,
+    WheelEncoders,
 )
 from spikelane_sim.course import load_course, scenario_course
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import BagError, ParameterError
 from spikelane_sim.events import no_events
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.sensor import Sensor
@@ -166,14 +169,18 @@ def replay(
     host, sensor = _prepare(config, drive)
     _load_kernels(config, drive)
     has_lane = drive.has_lane and config.use_lane_state
+    has_encoders = uses_encoders(config)
     answers: list[Answer] = []
     total_s = slowest_s = 0.0
     for recorded in drive.packets():
+        if has_encoders and recorded.encoders is None:
+            raise BagError(lacks_encoders(config.bag, config.controller, recorded))
+        encoders = recorded.encoders if has_encoders else None
         start_s = time.perf_counter()
         new = []
         for step in sensor.add(recorded.packet):
             lane = recorded.lane if has_lane else None
-            wheels = host.step(Observation(step.stamp_ns, step.events, lane))
+            wheels = host.step(Observation(step.stamp_ns, step.events, lane, encoders))
             new.append((step, wheels))
         seconds = time.perf_counter() - start_s
         total_s, slowest_s = total_s + seconds, max(slowest_s, seconds)
@@ -190,6 +197,20 @@ def replay(
             show(len(answers), recorded.lane.progress_m if recorded.lane else 0.0)
         check()
     return Replayed(answers, sensor, total_s, slowest_s)
+
+
+def uses_encoders(config: ReplayConfig) -> bool:
+    """Return whether the controller uses wheel encoders."""
+    return 'encoders' in sensors_of(controller_class(config.controller))
+
+
+def lacks_encoders(bag: Path, controller: str, recorded: DrivePacket) -> str:
+    """Return what a bag lacks for a controller that uses encoders, at a packet without any."""
+    return (
+        f'{bag}: expected {topic_names.JOINT_STATES} of the wheels with the stamp '
+        f'{recorded.packet.stamp_ns} ns, since {controller} uses wheel encoders, got none; a lap '
+        'records them where its controller uses them'
+    )
 
 
 def make_sensor(config: ReplayConfig, drive: RecordedDrive) -> Sensor:
@@ -310,4 +331,5 @@ def _load_kernels(config: ReplayConfig, drive: RecordedDrive) -> None:
     host, sensor = _prepare(config, drive)
     for recorded in itertools.islice(drive.packets(), 1):
         sensor.add(recorded.packet)
-        host.step(Observation(recorded.packet.stamp_ns, no_events(), None))
+        still = WheelEncoders((0.0, 0.0), (0.0, 0.0)) if uses_encoders(config) else None
+        host.step(Observation(recorded.packet.stamp_ns, no_events(), None, still))

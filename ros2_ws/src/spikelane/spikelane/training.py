@@ -38,7 +38,7 @@ from spikelane_controllers.registry import (
     training_class,
     training_results,
 )
-from spikelane_sim.contract import controller_rng
+from spikelane_sim.contract import controller_rng, sensors_of
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_text_atomically
@@ -178,7 +178,8 @@ def train(
     """
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
-    with Simulator(config.simulator) as simulator:
+    sensors = sensors_of(controller_class(config.controller))
+    with Simulator(config.simulator, sensors=sensors) as simulator:
         lane, episode = training.start
         observation = simulator.reset(lane, config.seed, episode=episode)
         while not training.is_done:

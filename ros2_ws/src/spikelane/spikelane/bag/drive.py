@@ -17,9 +17,10 @@ from spikelane.bag.foreign import legacy_hint
 from spikelane.bag.source import BagSource, Faults, SourceMessage
 from spikelane_sim import topic_names
 from spikelane_sim.codecs import DECODABLE
-from spikelane_sim.contract import LaneState, WheelVelocities
+from spikelane_sim.contract import LaneState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import BagError, MessageError
 from spikelane_sim.messages import (
+    encoders_from_message,
     lane_state_from_message,
     received_packet,
     to_stamp_ns,
@@ -31,8 +32,9 @@ EVENT_PACKET = 'event_camera_msgs/msg/EventPacket'
 OLD_EVENT_PACKET = 'event_array_msgs/msg/EventArray'  # its name until 2023, with the same fields
 LANE_STATE = 'spikelane_msgs/msg/LaneState'
 WHEEL_VELOCITIES = 'spikelane_msgs/msg/WheelVelocities'
+JOINT_STATE = 'sensor_msgs/msg/JointState'
 EVENT_TYPES = (EVENT_PACKET, OLD_EVENT_PACKET)
-TYPES = (*EVENT_TYPES, LANE_STATE, WHEEL_VELOCITIES)
+TYPES = (*EVENT_TYPES, LANE_STATE, WHEEL_VELOCITIES, JOINT_STATE)
 
 
 #: Packets overtake each other by less; a number further back is of a driver started again.
@@ -53,6 +55,7 @@ class DrivePacket(NamedTuple):
     lane: LaneState | None
     log_ns: int  # when it was recorded
     position: int  # in the bag, counting messages of TYPES
+    encoders: WheelEncoders | None = None
 
 
 class _Mark(NamedTuple):
@@ -76,7 +79,7 @@ class _Record(NamedTuple):
     """What a message says."""
 
     stamp_ns: int
-    value: ReceivedPacket | LaneState | WheelVelocities
+    value: ReceivedPacket | LaneState | WheelVelocities | WheelEncoders | None
 
 
 class _Read(NamedTuple):
@@ -97,6 +100,7 @@ class RecordedDrive:
         events_topic: Where the events are from.
         has_lane: Whether there are lane states.
         has_wheels: Whether there are wheel velocities.
+        has_encoders: Whether there are joint states of the wheels.
         count: Event packets.
         notes: What is missing, damaged or out of order, a sentence each.
     """
@@ -120,6 +124,7 @@ class RecordedDrive:
         encodings: dict[str, str] = {}
         lanes: dict[str, dict[int, list[_Logged[LaneState]]]] = {}
         wheels: dict[str, dict[int, list[_Logged[WheelVelocities]]]] = {}
+        joints: dict[str, dict[int, list[_Logged[WheelEncoders]]]] = {}
         for position, message, record in self._read():
             stamp_ns, topic = record.stamp_ns, message.topic
             where = message.log_ns, position
@@ -130,7 +135,10 @@ class RecordedDrive:
             elif isinstance(record.value, LaneState):
                 of_stamp = lanes.setdefault(topic, {}).setdefault(stamp_ns, [])
                 of_stamp.append(_Logged(record.value, *where))
-            else:
+            elif isinstance(record.value, WheelEncoders):
+                measured = joints.setdefault(topic, {}).setdefault(stamp_ns, [])
+                measured.append(_Logged(record.value, *where))
+            elif record.value is not None:  # joints of something else
                 answers = wheels.setdefault(topic, {}).setdefault(stamp_ns, [])
                 answers.append(_Logged(record.value, *where))
         self.events_topic = self._choose(events_topic, marks)
@@ -144,7 +152,9 @@ class RecordedDrive:
         prefix = prefix if prefix != self.events_topic else '/'
         self._lanes = lanes.get(prefix + topic_names.LANE_STATE, {})
         self._wheels = wheels.get(prefix + topic_names.WHEELS, {})
+        self._encoders = joints.get(prefix + topic_names.JOINT_STATES, {})
         self.has_lane, self.has_wheels = bool(self._lanes), bool(self._wheels)
+        self.has_encoders = bool(self._encoders)
         self._note_what_is_missing(prefix)
         found = marks[self.events_topic]
         self._refuse_several_publishers(found)
@@ -286,7 +296,8 @@ class RecordedDrive:
         self, position: int, message: SourceMessage, packet: ReceivedPacket
     ) -> DrivePacket:
         lane = _nearest(self._lanes, packet.stamp_ns, message.log_ns, position)
-        return DrivePacket(packet, lane, message.log_ns, position)
+        encoders = _nearest(self._encoders, packet.stamp_ns, message.log_ns, position)
+        return DrivePacket(packet, lane, message.log_ns, position, encoders)
 
 
 def _in_order(marks: Sequence[_Mark]) -> list[_Mark]:
@@ -324,9 +335,12 @@ def _nearest(
     return nearest.value
 
 
-_CONVERSIONS: Mapping[str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities]] = {
+_CONVERSIONS: Mapping[
+    str, Callable[[Any], ReceivedPacket | LaneState | WheelVelocities | WheelEncoders | None]
+] = {
     EVENT_PACKET: received_packet,
     OLD_EVENT_PACKET: received_packet,
     LANE_STATE: lane_state_from_message,
     WHEEL_VELOCITIES: wheels_from_message,
+    JOINT_STATE: encoders_from_message,
 }

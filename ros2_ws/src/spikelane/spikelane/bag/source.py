@@ -35,6 +35,10 @@ DEFINITIONS = {
         'float64 position\nstring section\nfloat64 progress\nuint32 laps\nuint32 episode\n'
         'uint32 step\nbool terminated\nstring reason\n'
     ),
+    'sensor_msgs/msg/JointState': (
+        'std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n'
+        'float64[] effort\n'
+    ),
     'spikelane_msgs/msg/WheelVelocities': (
         'std_msgs/Header header\nfloat64 left\nfloat64 right\n'
     ),

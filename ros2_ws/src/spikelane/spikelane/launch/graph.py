@@ -19,7 +19,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from spikelane.executables import executables
-from spikelane.nodes.lap import RECORDED_DEPTH, recorder_windows, TOPICS
+from spikelane.nodes.lap import RECORDED_DEPTH, recorded_topics, recorder_windows
 from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
@@ -161,18 +161,18 @@ def _recorded(arguments: Arguments, node: str) -> dict[str, int]:
 
 
 def recorder(
-    arguments: Arguments, facts: Mapping[str, Any], topics: Sequence[str] = TOPICS
+    arguments: Arguments, facts: Mapping[str, Any], topics: Sequence[str] | None = None
 ) -> Node:
     """Return the recorder of some topics.
 
     Args:
         arguments: Arguments of the launch.
         facts: About the run, kept in the bag's metadata.
-        topics: What to record.
+        topics: What to record; None for all of a lap with the controller that `facts` name.
     """
     settings = {
         'output': arguments.text('bag'),
-        'topics': list(topics),
+        'topics': list(topics or recorded_topics(str(facts['controller']))),
         'custom_data': [f'{name}={value}' for name, value in facts.items()],
     }
     file = _in_file(Path(_shipped('spikelane', 'recorder')), 'recorder')
@@ -225,8 +225,9 @@ def end_in_order(
 
 
 def in_namespace(namespace: str) -> list[str]:
-    """Return the topics to record of the nodes in a namespace."""
-    return [f'/{namespace}{topic}' for topic in TOPICS if topic != topic_names.DIAGNOSTICS]
+    """Return the topics to record in a namespace, which is named after its controller."""
+    topics = recorded_topics(namespace)
+    return [f'/{namespace}{topic}' for topic in topics if topic != topic_names.DIAGNOSTICS]
 
 
 def _end(node: Node) -> EmitEvent:

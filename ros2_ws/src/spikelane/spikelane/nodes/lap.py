@@ -16,7 +16,9 @@ from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
+from spikelane_controllers.registry import controller_class
 from spikelane_sim import topic_names
+from spikelane_sim.contract import sensors_of
 
 LAST_ANSWER_S = 5.0
 #: Messages that publishers keep for a recorder; see `recorder_windows`.
@@ -38,6 +40,14 @@ TOPICS = (
     f'/{topic_names.EVENTS}',
     f'/{topic_names.WHEELS}',
 )
+
+
+def recorded_topics(controller: str) -> tuple[str, ...]:
+    """Return the topics of a lap that are recorded, with all that its controller is given."""
+    if 'encoders' not in sensors_of(controller_class(controller)):
+        return TOPICS
+    place = TOPICS.index(f'/{topic_names.LANE_STATE}')
+    return (*TOPICS[:place], f'/{topic_names.JOINT_STATES}', *TOPICS[place:])
 
 
 def drive_lap_over_ros(
@@ -122,7 +132,7 @@ def node_parameters(
         config.controller: config.controller_parameters.to_dict() | both | windows['controller'],
         'recorder': {
             'output': str(folder.bag.absolute()),
-            'topics': list(TOPICS),
+            'topics': list(recorded_topics(config.controller)),
             'custom_data': [
                 f'seed={config.seed}',
                 f'controller={config.controller}',

@@ -19,6 +19,7 @@ from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
 from spikelane_msgs.msg import LaneState, WheelVelocities
 
 from spikelane.answer_comparison import Answer
@@ -96,6 +97,8 @@ class ReplayNode(Node):
         self._packet_message.header.frame_id = conversions.CAMERA_FRAME
         self.create_subscription(WheelVelocities, topic_names.WHEELS, self._on_wheels, _KEPT)
         self._lanes = self.create_publisher(LaneState, topic_names.LANE_STATE, _KEPT)
+        self._joint_message = JointState(name=list(messages.WHEEL_JOINTS))
+        self._joints = self.create_publisher(JointState, topic_names.JOINT_STATES, _KEPT)
         self._events = self.create_publisher(EventPacket, topic_names.EVENTS, _KEPT)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looking = self.create_timer(_LOOK_PERIOD_S, self._begin, clock=self._steady)
@@ -128,6 +131,15 @@ class ReplayNode(Node):
         if not has_subscribers or not self.count_publishers(topic_names.WHEELS):
             return
         self._looking.cancel()
+        if self._joints.get_subscription_count() and not self._drive.has_encoders:
+            self.get_logger().error(
+                f'{self._settings.bag}: expected {topic_names.JOINT_STATES} of the wheels, which '
+                'the controller waits for, got none'
+            )
+            self.exit_status = 1
+            self._is_finished = True
+            self.context.try_shutdown()
+            return
         self._start_s = time.monotonic()
         self._advance()
 
@@ -179,6 +191,10 @@ class ReplayNode(Node):
         if lane is not None:
             conversions.fill_lane_state(self._lane_message, lane, recorded.packet.stamp_ns)
             self._lanes.publish(self._lane_message)
+        if recorded.encoders is not None:
+            stamp_ns = recorded.packet.stamp_ns
+            conversions.fill_encoders(self._joint_message, recorded.encoders, stamp_ns)
+            self._joints.publish(self._joint_message)
         conversions.fill_received_packet(self._packet_message, recorded.packet)
         self._events.publish(self._packet_message)
 
