@@ -12,7 +12,7 @@ from spikelane.evaluation import evaluate, make_config
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan
 from spikelane.experiment.results import experiment_results
-from spikelane.experiment.runner import State, Status
+from spikelane.experiment.runner import RunStatus, Status
 from spikelane.experiment.worker import Progress, read_progress, read_run
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import COLUMNS, read_csv, TrajectoryError
@@ -71,7 +71,7 @@ def _finished(folder: Path, task: str, metrics: dict[str, Any]) -> list[Status]:
     )
     (folder / 'metrics.json').write_text(json.dumps(metrics))
     [run] = make_plan(read_experiment(folder / 'tiny.yaml')).runs
-    return [Status(run, State.DONE, RunFolder(folder))]
+    return [Status(run, RunStatus.DONE, RunFolder(folder))]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan, PlannedRun
 from spikelane.experiment.results import experiment_results
-from spikelane.experiment.runner import State, Status
+from spikelane.experiment.runner import RunStatus, Status
 from spikelane.run_folder import RunFolder
 from spikelane.summary import MEASURES, MEASURES_OF_ALL
 
@@ -31,7 +31,7 @@ def groups(folder: Path, matrix: str, laps: dict[int, list[dict[str, Any]]]) -> 
         path.mkdir()
         metrics = {'steps': 10} | ({'laps': laps[run.point.seed]} if laps else {})
         (path / 'metrics.json').write_text(json.dumps(metrics))
-        return Status(run, State.DONE, RunFolder(path))
+        return Status(run, RunStatus.DONE, RunFolder(path))
 
     statuses = [done(run) for run in make_plan(read_experiment(file)).runs]
     found: list[Any] = experiment_results('tiny', statuses)['groups']
@@ -101,7 +101,7 @@ def test_trainings_that_have_not_got_there_are_censored(tmp_path: Path) -> None:
         path.mkdir()
         metrics = {'steps': 100, 'last_lane_loss_step': last, 'settled': settled}
         (path / 'metrics.json').write_text(json.dumps({**metrics, 'solved_by': solved}))
-        statuses.append(Status(run, State.DONE, RunFolder(path)))
+        statuses.append(Status(run, RunStatus.DONE, RunFolder(path)))
     [group] = experiment_results('tiny', statuses)['groups']
     assert set(group['metrics']) == {'steps'}
     last, solved_by = group['times']['last_lane_loss_step'], group['times']['solved_by']

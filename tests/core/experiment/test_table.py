@@ -10,7 +10,7 @@ from rich.console import Console
 
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan
-from spikelane.experiment.runner import Runner, State
+from spikelane.experiment.runner import Runner, RunStatus
 from spikelane.experiment.table import render, shown, time_left_s
 from spikelane.experiment.worker import Progress
 
@@ -24,8 +24,8 @@ def runner(tmp_path: Path) -> Runner:
     file.write_text(f'name: some\nmatrix: {MATRIX}')
     made = Runner(make_plan(read_experiment(file)), tmp_path / 'out', 0)
     finished, failed, fast, silent, _ = made.statuses.values()
-    finished.state, failed.state, failed.message = State.DONE, State.FAILED, 'no such lane'
-    fast.state = silent.state = State.RUNNING
+    finished.state, failed.state, failed.message = RunStatus.DONE, RunStatus.FAILED, 'no such lane'
+    fast.state = silent.state = RunStatus.RUNNING
     # A quarter of it in ten seconds: 30 left of 40.
     fast.first = (100.0, Progress(1000, 0.0))
     fast.last = (110.0, Progress(13_500, 0.25))
@@ -73,7 +73,7 @@ def test_runs_of_another_controller_tell_nothing(tmp_path: Path, runner: Runner)
     both.statuses |= runner.statuses
     assert time_left_s(both, 2) is None
     for name in range(5):
-        both.statuses[f'train-dqn-1-seed{name}'].state = State.DONE
+        both.statuses[f'train-dqn-1-seed{name}'].state = RunStatus.DONE
     assert time_left_s(both, 2) == pytest.approx(55.0)
 
 
