@@ -57,10 +57,14 @@ def _known(what: str, found: Mapping[str, KindT | str], name: str) -> KindT:
     return value
 
 
+#: All entry points, which take long to read.
+_entry_points = functools.cache(entry_points)
+
+
 @functools.cache
 def _registered(group: str, kind: type[KindT]) -> Mapping[str, KindT | str]:
     found: dict[str, KindT | str] = {}
-    for point in sorted(entry_points(group=group), key=lambda each: each.name):
+    for point in sorted(_entry_points().select(group=group), key=lambda each: each.name):
         try:
             value = point.load()
         # Another package's module can raise anything; one that calls sys.exit must not end us.
