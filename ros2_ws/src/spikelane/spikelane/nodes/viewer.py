@@ -83,8 +83,8 @@ class Viewer(Node):
         super().__init__('viewer')
         self._settings = settings = declare_parameters(self, ViewerParameters)
         self._closing = contextlib.ExitStack()
-        address = settings.server or self._start_server()
-        self._scene = Scene(connect(address))
+        server = None if settings.server else self._start_server()
+        self._scene = Scene(connect(server.address if server else settings.server))
         self._closing.callback(self._scene.close)
         self._group = NotForExecutors()
         self._events = SubscriptionEvents()
@@ -105,6 +105,9 @@ class Viewer(Node):
         else:
             self._client = self.create_client(GetParameters, 'simulator/get_parameters')
             self._asking = self.create_timer(_ASKING_PERIOD_S, self._ask, clock=steady)
+        # Whoever reads this may count on a node that is there: it can be ended quietly, say.
+        if server:
+            self.get_logger().info(f'open {server.url} in a browser')
 
     def destroy_node(self) -> None:
         """Send what is left and end the server."""
@@ -124,12 +127,11 @@ class Viewer(Node):
         without = f'; without a publisher: {", ".join(bare)}' if bare else ''
         return f'waiting for something to show: received {self._shown} messages{without}'
 
-    def _start_server(self) -> str:
+    def _start_server(self) -> ViewerServer:
         settings = self._settings
         server = ViewerServer(settings.web_port, settings.grpc_port, settings.memory_mb)
         self._closing.enter_context(server)
-        self.get_logger().info(f'open {server.url} in a browser')
-        return server.address
+        return server
 
     def _subscribe(
         self, kind: type, topic: str, show: LogMessage, qos: QoSProfile = LATEST
