@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane import run_folder
+from spikelane import replay, run_folder
 from spikelane.lap import make_config
 from spikelane.run_folder import RunFolder, RunFolderError, versions
 
@@ -62,12 +62,16 @@ def test_a_folder_below_a_file_is_refused(tmp_path: Path, numbered: bool) -> Non
 
 
 def test_a_configuration_carries_the_versions(tmp_path: Path) -> None:
-    """The values stay in the order given, the versions come last."""
+    """What was given and the versions come after the values."""
     folder = RunFolder.create(tmp_path / 'lap')
-    folder.write_config({'seed': 3, 'scenario': 'scenario_1', 'camera': {'fov_deg': 100.0}})
+    given = {'sensor.crop_left': 2}
+    config = replay.make_config(Path('bag'), 'braitenberg', given, seed=3)
+    folder.write_config(config, ['replay', 'bag'])
     read = yaml.safe_load(folder.config.read_text())
-    assert list(read) == ['seed', 'scenario', 'camera', 'versions']
-    assert read['camera'] == {'fov_deg': 100.0}
+    assert list(read)[:2] == ['bag', 'events_topic']
+    assert list(read)[-3:] == ['given', 'command_line', 'versions']
+    assert (read['bag'], read['seed'], read['sensor']['crop_left']) == ('bag', 3, 2)
+    assert (read['given'], read['command_line']) == (given, ['replay', 'bag'])
     assert read['versions']['numpy'] == np.__version__
 
 

@@ -12,7 +12,7 @@ from spikelane import lap, training
 from spikelane.configuration import parameter_groups
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import write_csv
-from spikelane.transport import check_transport, over_ros
+from spikelane.transport import check_transport
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.controller_check import check_controller, Violations
 from spikelane_controllers.registry import controller_class, training_names
@@ -69,9 +69,7 @@ def _check_lap(
     given = {**parameters, **_SHORT}
     driven = lap.drive_lap(make('inprocess', given), _quiet)
     config = make('ros', given)
-    over = over_ros('lap', 'drive_lap_over_ros')(
-        config, RunFolder.begin(config, folder / 'lap'), _quiet
-    )
+    over = lap.drive(config, RunFolder.begin(config, folder / 'lap'), _quiet)
     write_csv(driven.trajectory, folder / 'inprocess.csv')
     write_csv(over.trajectory, folder / 'ros.csv')
     if (folder / 'inprocess.csv').read_bytes() != (folder / 'ros.csv').read_bytes():
@@ -93,8 +91,7 @@ def _check_training(
         config = training.make_config('1', name, _SEED, transport, given, steps)
         is_resumed = (folder / where).exists()
         run = RunFolder(folder / where) if is_resumed else RunFolder.begin(config, folder / where)
-        do = over_ros('training', 'train_over_ros') if transport == 'ros' else training.train
-        do(config, run, _quiet, resume=is_resumed)
+        training.train(config, run, _quiet, resume=is_resumed)
         read_checkpoint(run.checkpoint, name)
         return run.checkpoint.read_bytes()
 

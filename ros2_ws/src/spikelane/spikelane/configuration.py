@@ -20,8 +20,37 @@ TRANSPORTS = ('ros', 'inprocess')
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Configuration:
-    """What determines any run.
+class RunConfig:
+    """The base of the configurations of all kinds of runs.
+
+    Attributes:
+        given: The parameters that the user gave, under dotted names; all others have the defaults
+            of the kind of run. They are written down, but do not determine anything themselves.
+    """
+
+    given: Mapping[str, Any] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return a dict of everything that determines the run, ready for YAML.
+
+        The controller's parameters are under its name, and groups of parameters under theirs.
+        """
+        values: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name != 'given':
+                values |= value if isinstance(value, Mapping) else {field.name: value}
+        if 'controller_parameters' in values:
+            values[values['controller']] = values.pop('controller_parameters')
+        return {
+            name: value.to_dict() if isinstance(value, Parameters) else value
+            for name, value in values.items()
+        }
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Configuration(RunConfig):
+    """What determines a run in which a controller drives.
 
     Attributes:
         scenario: '1' to '3' of the paper, or the name or path of another course.
@@ -47,19 +76,6 @@ class Configuration:
         """
         configured_controller(self)
         check_transport(self.transport, self.controller)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it under names, ready for YAML."""
-        values = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if field.name != 'controller_parameters'
-        }
-        values[self.controller] = self.controller_parameters
-        return {
-            name: value.to_dict() if isinstance(value, Parameters) else value
-            for name, value in values.items()
-        }
 
 
 class ConfigurationParts(TypedDict):

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 
 from spikelane import lap
 from spikelane.configuration import Configuration
-from spikelane.lap import drive_lap, DrivenLap, LapConfig, OnLapProgress
+from spikelane.lap import drive, LapConfig, OnLapProgress
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.statistics import METHOD, share_statistics
 from spikelane.summary import check_lap, summarise, summarise_by_lane, SummarisedLap
 from spikelane.trajectory import read_csv, Trajectory, write_csv
-from spikelane.transport import over_ros
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -275,7 +274,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: OnLapProgress) -> dict[str,
     # What was being driven when somebody stopped it begins anew.
     shutil.rmtree(path, ignore_errors=True)
     RunFolder.create(path, numbered=False)
-    driven = _drive(each.config, folder, show)
+    driven = drive(each.config, folder, show)
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     row = {
@@ -288,10 +287,3 @@ def _row_of(each: LapOfEvaluation, path: Path, show: OnLapProgress) -> dict[str,
     }
     write_json(folder.metrics, row)
     return row
-
-
-def _drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
-    if config.transport == 'inprocess':
-        return drive_lap(config, show)
-    driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)
-    return driven

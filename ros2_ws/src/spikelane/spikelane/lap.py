@@ -19,6 +19,7 @@ from spikelane.loop import drive_episode
 from spikelane.metrics import lap_metrics
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory, TrajectoryRecorder, write_csv
+from spikelane.transport import over_ros
 from spikelane_controllers.operations import Operations, sum_operations
 from spikelane_controllers.registry import controller_class
 from spikelane_controllers.shown import shown_by
@@ -80,13 +81,13 @@ def make_config(
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    parameters = {**default_weights(scenario, controller), **parameters}
-    parts = configure(scenario, controller, seed, transport, parameters)
+    given = {**default_weights(scenario, controller), **parameters}
+    parts = configure(scenario, controller, seed, transport, given)
     course = load_course(parts['simulator'].course)
     lane = course.lane(lane).name if lane else next(iter(course.lanes))
     length_m = max(each.length_m for each in course.lanes.values())
     parts['simulator'] = limit_drive(parts['simulator'], parameters, length_m)
-    return LapConfig(lane=lane, **parts)
+    return LapConfig(given=parameters, lane=lane, **parts)
 
 
 def limit_drive(
@@ -116,6 +117,23 @@ def default_weights(scenario: str, controller: str) -> dict[str, Any]:
     """
     name = scenario_course(scenario)
     return {f'{controller}.checkpoint': name} if name in shipped_weights(controller) else {}
+
+
+def drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
+    """Drive a lap in this process or over ROS, as its configuration says.
+
+    Args:
+        config: What to drive.
+        folder: Where bag, logs and node parameters go, over ROS.
+        show: Called after every step, over ROS about once a second.
+
+    Raises:
+        SpikelaneError: The lap cannot be driven, or its recording is not complete.
+    """
+    if config.transport == 'inprocess':
+        return drive_lap(config, show)
+    driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)
+    return driven
 
 
 def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:

@@ -61,6 +61,7 @@ def _run(arguments: Sequence[str]) -> int:
     try:
         # It names the controllers there are, which another package's may make impossible.
         options = _parser(arguments).parse_args(arguments)
+        options.command_line = list(arguments)
         status = int(options.run(options))
         sys.stdout.flush()
         return status

@@ -16,7 +16,12 @@ from typing import Any, NamedTuple
 
 from spikelane.answer_comparison import Answer, compare, drive_metrics, write_answers
 from spikelane.bag.drive import DrivePacket, RecordedDrive
-from spikelane.configuration import configured_controller
+from spikelane.configuration import (
+    check_seed,
+    configured_controller,
+    parameter_groups,
+    RunConfig,
+)
 from spikelane.interruption import check
 from spikelane.lap import default_weights
 from spikelane.run_folder import RunFolder
@@ -33,14 +38,14 @@ from spikelane_sim.contract import (
     WheelEncoders,
 )
 from spikelane_sim.course import load_course, scenario_course
-from spikelane_sim.errors import BagError, ParameterError
+from spikelane_sim.errors import BagError
 from spikelane_sim.events import no_events
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.sensor import Sensor
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ReplayConfig:
+class ReplayConfig(RunConfig):
     """What determines a replay.
 
     Attributes:
@@ -75,19 +80,6 @@ class ReplayConfig:
             SpikelaneError: The controller cannot be made.
         """
         configured_controller(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it under names, ready for YAML."""
-        return {
-            'bag': str(self.bag),
-            'events_topic': self.events_topic,
-            'controller': self.controller,
-            'scenario': self.scenario,
-            'seed': self.seed,
-            'use_lane_state': self.use_lane_state,
-            self.controller: self.controller_parameters.to_dict(),
-            'sensor': self.sensor.to_dict(),
-        }
 
 
 class Replayed(NamedTuple):
@@ -126,16 +118,12 @@ def make_config(
     """
     load_course(scenario_course(scenario))  # refuses one that is not there
     cls = controller_class(controller).parameters_class
-    groups: dict[str, dict[str, Any]] = {controller: {}, 'sensor': {}}
-    for name, value in (default_weights(scenario, controller) | dict(parameters)).items():
-        group, _, rest = name.partition('.')
-        if group not in groups:
-            expected = ' or '.join(f'{group}.<name>' for group in groups)
-            raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
-        groups[group][rest] = value
-    if not 0 <= seed < 2**63:
-        raise ParameterError(f'seed: expected a whole number from 0 to 2^63 - 1, got {seed}')
+    groups = parameter_groups(
+        {**default_weights(scenario, controller), **parameters}, {controller: {}, 'sensor': {}}
+    )
+    check_seed(seed)
     return ReplayConfig(
+        given=parameters,
         bag=Path(bag),
         events_topic=events_topic,
         controller=controller,

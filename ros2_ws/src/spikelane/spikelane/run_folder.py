@@ -21,7 +21,7 @@ Every file is written whole (`spikelane_sim.files`). A finished run is never wri
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import dataclasses
 import errno
@@ -48,11 +48,25 @@ _PYBULLET_OTHERWISE = 'pybullet-arm64'
 
 _GIT_S = 5.0  # to say which commit this is
 
+#: Entries of `config.yaml` that tell how a run came about, and do not determine it.
+_NOT_DETERMINING = ('given', 'command_line', 'versions')
+
 #: Where runs go that are not told where to.
 RUNS = Path('runs')
 
 
-class Run(Protocol):
+class Determined(Protocol):
+    """What a run's `config.yaml` is written from."""
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        """The parameters that the user gave, under dotted names."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that determines the run, ready for YAML."""
+
+
+class Run(Determined, Protocol):
     """What leaves a folder."""
 
     @property
@@ -65,9 +79,6 @@ class Run(Protocol):
         Raises:
             SpikelaneError: It cannot.
         """
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all that determines it, ready for YAML."""
 
 
 class RunFolderError(FileError):
@@ -113,12 +124,13 @@ class RunFolder:
         raise AssertionError('numbers do not end')
 
     @classmethod
-    def begin(cls, run: Run, out: Path | None) -> RunFolder:
+    def begin(cls, run: Run, out: Path | None, command_line: Sequence[str] = ()) -> RunFolder:
         """Make the folder of a run, with its configuration in it.
 
         Args:
             run: What is going to be done.
             out: The folder, new or empty; None for the usual one, numbered where it exists.
+            command_line: As in `write_config`.
 
         Raises:
             SpikelaneError: The run cannot be begun: then there is no folder that would be in the
@@ -127,7 +139,7 @@ class RunFolder:
         run.check()
         folder = cls.create(out or RUNS / run.usual_name, numbered=out is None)
         try:
-            folder.write_config(run.to_dict())
+            folder.write_config(run, command_line)
         except WriteError:
             with contextlib.suppress(OSError):
                 folder.path.rmdir()
@@ -174,9 +186,19 @@ class RunFolder:
         """Folder of the figures; whoever draws the first one makes it."""
         return self.path / 'figures'
 
-    def write_config(self, values: Mapping[str, Any]) -> None:
-        """Write `config.yaml`: the values, digests of the files they name, and `versions`."""
-        write_yaml(self.config, {**_with_inputs(values), 'versions': versions()})
+    def write_config(self, run: Determined, command_line: Sequence[str] = ()) -> None:
+        """Write `config.yaml`.
+
+        It has all values that determine the run, digests of the files that they name, `given`,
+        the `command_line` where there was one, and `versions`.
+
+        Args:
+            run: What is done.
+            command_line: The words after `spikelane` with which somebody asked for it.
+        """
+        told = {'command_line': list(command_line)} if command_line else {}
+        values = {**_with_inputs(run.to_dict()), 'given': run.given, **told}
+        write_yaml(self.config, {**values, 'versions': versions()})
 
     def check_config(self, values: Mapping[str, Any]) -> None:
         """Check that the folder is of a run with this configuration, of whatever versions.
@@ -194,7 +216,8 @@ class RunFolder:
             ) from None
         wanted = _with_inputs(values)
         given = current_config(found) if isinstance(found, Mapping) else {}
-        given.pop('versions', None)
+        for name in _NOT_DETERMINING:
+            given.pop(name, None)
         for name in (*wanted, *given):
             if given.get(name) != wanted.get(name):
                 where, expected, got = first_difference(name, wanted.get(name), given.get(name))

@@ -19,6 +19,7 @@ from spikelane.configuration import (
 from spikelane.interruption import check
 from spikelane.lap import OnLapProgress
 from spikelane.run_folder import RunFolder
+from spikelane.transport import over_ros
 from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
@@ -130,6 +131,7 @@ def make_config(
         if name.startswith(_TRAINING)
     }
     return TrainConfig(
+        given={**parameters, **({} if steps is None else {_STEPS: steps})},
         training=cls.from_mapping(own, 'training'),
         **configure(scenario, controller, seed, transport, given, ('training',)),
     )
@@ -164,18 +166,23 @@ def _learning_controller(config: TrainConfig) -> LearningController:
 def train(
     config: TrainConfig, folder: RunFolder, show: OnLapProgress, *, resume: bool
 ) -> Training:
-    """Train in this process.
+    """Train in this process or over ROS, as the configuration says.
 
     Args:
         config: What to train.
         folder: Where checkpoints go.
-        show: Called after every step.
+        show: Called after every step, over ROS about once a second.
         resume: Whether to go on from the folder's checkpoint.
 
     Raises:
         SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
         Interrupted: A signal has come; the training can be resumed from its last checkpoint.
     """
+    if config.transport == 'ros':
+        trained: Training = over_ros('training', 'train_over_ros')(
+            config, folder, show, resume=resume
+        )
+        return trained
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
     sensors = sensors_of(controller_class(config.controller))

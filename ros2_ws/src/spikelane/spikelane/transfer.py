@@ -7,7 +7,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from spikelane.configuration import check_seed, parameter_groups
+from spikelane.configuration import check_seed, parameter_groups, RunConfig
 from spikelane.interruption import check
 from spikelane.run_folder import RunFolder
 from spikelane_controllers.learning.results import FinishedRun
@@ -27,7 +27,7 @@ from spikelane_sim.simulator import SimulatorParameters
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TransferConfig:
+class TransferConfig(RunConfig):
     """Everything that determines a transfer.
 
     Attributes:
@@ -77,18 +77,6 @@ class TransferConfig:
             self.from_training,
         )
         return transfer_class(self.controller)(request)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return a JSON-compatible dict of everything."""
-        return {
-            'controller': self.controller,
-            'scenario': self.scenario,
-            'checkpoint': self.checkpoint,
-            'seed': self.seed,
-            'simulator': self.simulator.to_dict(),
-            **{name: group.to_dict() for name, group in self.parameters.items()},
-            'from_training': self.from_training,
-        }
 
 
 def source_of(controller: str) -> str:
@@ -168,6 +156,7 @@ def configure_transfer(
     )
     check_seed(seed)
     config = TransferConfig(
+        given=parameters,
         controller=controller,
         scenario=scenario,
         checkpoint=checkpoint,

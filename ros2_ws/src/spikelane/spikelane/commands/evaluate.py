@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from spikelane.commands.arguments import (
@@ -82,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         _parameters(options),
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
-    folder = _folder(config, options.out, options.resume)
+    folder = _folder(config, options)
     with locked(folder.path):
         with progress(options.json, '%') as show:
             metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
@@ -107,10 +106,10 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     return given | {name: value for name, value in flags.items() if value is not None}
 
 
-def _folder(config: EvaluateConfig, out: Path | None, resume: bool) -> RunFolder:
-    if not resume:
-        return RunFolder.begin(config, out)
-    folder = RunFolder(out or RUNS / config.usual_name)
+def _folder(config: EvaluateConfig, options: argparse.Namespace) -> RunFolder:
+    if not options.resume:
+        return RunFolder.begin(config, options.out, options.command_line)
+    folder = RunFolder(options.out or RUNS / config.usual_name)
     folder.check_config(config.to_dict())
     return folder
 

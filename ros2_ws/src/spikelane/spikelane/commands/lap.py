@@ -13,16 +13,8 @@ from spikelane.commands.arguments import (
     given_weights,
     progress,
 )
-from spikelane.lap import (
-    drive_lap,
-    DrivenLap,
-    LapConfig,
-    make_config,
-    OnLapProgress,
-    report_lap,
-)
+from spikelane.lap import drive, make_config, report_lap
 from spikelane.run_folder import RunFolder
-from spikelane.transport import over_ros
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,19 +41,12 @@ def run(options: argparse.Namespace) -> int:
         options.transport,
         given_parameters(options) | given_weights(options),
     )
-    folder = RunFolder.begin(config, options.out)
+    folder = RunFolder.begin(config, options.out, options.command_line)
     with progress(options.json) as show:
-        driven = _drive(config, folder, show)
+        driven = drive(config, folder, show)
     result = report_lap(config, driven, folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0 if result['completed'] else 1
-
-
-def _drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
-    if config.transport == 'inprocess':
-        return drive_lap(config, show)
-    driven: DrivenLap = over_ros('lap', 'drive_lap_over_ros')(config, folder, show)
-    return driven
 
 
 def _summary(result: dict[str, Any]) -> str:

@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
     )
-    folder = RunFolder.begin(config, options.out)
+    folder = RunFolder.begin(config, options.out, options.command_line)
     with progress(options.json) as show:
         replayed = replay(config, drive, show)
     result = report_replay(config, drive, replayed, folder)

@@ -8,7 +8,6 @@ import time
 from typing import Any
 
 from spikelane.commands.arguments import add_configuration_arguments, given_parameters, progress
-from spikelane.lap import OnLapProgress
 from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.run_folder import RunFolder, RUNS
@@ -18,7 +17,6 @@ from spikelane.training import (
     train,
     TrainConfig,
 )
-from spikelane.transport import over_ros
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.registry import (
     training_card,
@@ -83,9 +81,9 @@ def run(options: argparse.Namespace) -> int:
     with locked(folder.path):
         start_s = time.monotonic()
         with progress(options.json) as show:
-            _train(config, folder, show, options.resume)
+            train(config, folder, show, resume=options.resume)
         if options.resume:  # perhaps for more steps than before
-            folder.write_config(config.to_dict())
+            folder.write_config(config, options.command_line)
         wall_time_s = None if options.resume else time.monotonic() - start_s
         result = report_training(config, folder, wall_time_s)
     print(json.dumps(result) if options.json else _summary(config, folder, result))
@@ -107,18 +105,11 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
 
 def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
     if not options.resume:
-        return RunFolder.begin(config, options.out)
+        return RunFolder.begin(config, options.out, options.command_line)
     folder = RunFolder(options.out or RUNS / config.usual_name)
     if not folder.checkpoint.exists():
         raise CheckpointChoiceError(f'{folder.checkpoint}: expected a checkpoint, got none')
     return folder
-
-
-def _train(config: TrainConfig, folder: RunFolder, show: OnLapProgress, resume: bool) -> None:
-    if config.transport == 'inprocess':
-        train(config, folder, show, resume=resume)
-    else:
-        over_ros('training', 'train_over_ros')(config, folder, show, resume=resume)
 
 
 def _summary(config: TrainConfig, folder: RunFolder, result: dict[str, Any]) -> str:

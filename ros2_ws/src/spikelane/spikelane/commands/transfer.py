@@ -42,7 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--states',
         type=int,
-        default=GatheringParameters.states,
         help='states to gather by driving with the trained policy '
         f'(default: {GatheringParameters.states})',
     )
@@ -70,18 +69,17 @@ def run(options: argparse.Namespace) -> int:
         SpikelaneError: An option is wrong, or something failed.
     """
     require([transfer_card(options.controller).requires])
-    counts = {'gathering.states': options.states}
-    if options.steps is not None:
-        counts['transfer.steps'] = options.steps
+    counts = {'gathering.states': options.states, 'transfer.steps': options.steps}
     config = make_config(
         options.controller,
         options.scenario,
         options.checkpoint,
         options.seed,
-        counts | given_parameters(options),
+        {name: count for name, count in counts.items() if count is not None}
+        | given_parameters(options),
         options.from_training,
     )
-    folder = RunFolder.begin(config, options.out)
+    folder = RunFolder.begin(config, options.out, options.command_line)
     with _progress(options.json) as show:
         done = transfer(config, show)
     result = report_transfer(config, done, folder)

@@ -143,12 +143,12 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     with progress(options.json) as show:
         if options.train:
             config = _training_config(options)
-            folder = RunFolder.begin(config, options.out)
+            folder = RunFolder.begin(config, options.out, options.command_line)
             with locked(folder.path):
                 train_over_ros(config, folder, show, resume=False, viewer=viewer)
                 return report_training(config, folder, None)
         lap = _lap_config(options)
-        folder = RunFolder.begin(lap, options.out)
+        folder = RunFolder.begin(lap, options.out, options.command_line)
         return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
 
 

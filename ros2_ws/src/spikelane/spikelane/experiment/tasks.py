@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import time
-from typing import Any, cast, NamedTuple, Protocol
+from typing import Any, cast, NamedTuple
 
+from spikelane.configuration import RunConfig
 from spikelane.evaluation import evaluate, EvaluateConfig, EvaluationParameters, ShowShare
 from spikelane.evaluation import make_config as make_evaluate_config
 from spikelane.run_folder import RunFolder
@@ -25,7 +26,6 @@ from spikelane.transfer import (
     TransferConfig,
 )
 from spikelane.transfer import make_config as make_transfer_config
-from spikelane.transport import over_ros
 from spikelane_controllers.learning.gathering import GatheringParameters, MOST_STATES
 from spikelane_controllers.learning.transfer import STATES
 from spikelane_controllers.registry import (
@@ -62,13 +62,6 @@ class Need(NamedTuple):
     controller: str
 
 
-class Configured(Protocol):
-    """Everything that determines a run."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all of it under names, of JSON's kinds."""
-
-
 class Task(NamedTuple):
     """A kind of run."""
 
@@ -81,7 +74,7 @@ class Task(NamedTuple):
     must_have_need: bool  # whether it cannot do without
     requires: Callable[[str], str]  # of a controller: what is to be installed, '' for nothing
     # Given options and the checkpoint: a folder, or FROM_RUN; None where there is none.
-    configure: Callable[[Point, Any, str | None], Configured]
+    configure: Callable[[Point, Any, str | None], RunConfig]
     run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
 
 
@@ -149,10 +142,7 @@ def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[s
         del progress_m
         show(steps, min(1.0, steps / config.training.steps))
 
-    if config.transport == 'inprocess':
-        train(config, folder, show_steps, resume=resume)
-    else:
-        over_ros('training', 'train_over_ros')(config, folder, show_steps, resume=resume)
+    train(config, folder, show_steps, resume=resume)
     wall_time_s = None if resume else time.monotonic() - start_s
     return report_training(config, folder, wall_time_s)
 

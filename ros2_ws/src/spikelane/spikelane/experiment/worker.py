@@ -15,8 +15,9 @@ import sys
 import time
 from typing import Any, NamedTuple, TypedDict
 
+from spikelane.configuration import RunConfig
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.experiment.tasks import Configured, Point, Task, task_named
+from spikelane.experiment.tasks import Point, Task, task_named
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
 from spikelane.run_folder import RunFolder
@@ -88,13 +89,13 @@ def do_run(folder: RunFolder) -> None:
     if folder.metrics.exists():
         return
     task, config = read_run(folder)
-    folder.write_config(config.to_dict())
+    folder.write_config(config)
     with contextlib.suppress(OSError):
         (folder.path / PROGRESS_FILE).unlink()
     task.run(config, folder, _Reporter(folder.path / PROGRESS_FILE))
 
 
-def read_run(folder: RunFolder) -> tuple[Task, Configured]:
+def read_run(folder: RunFolder) -> tuple[Task, RunConfig]:
     """Return what the run in a folder is, and what determines it.
 
     Raises:

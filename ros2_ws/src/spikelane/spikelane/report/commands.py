@@ -1,7 +1,8 @@
 """The command that makes a run, told from what determined it: its `config.yaml`.
 
-Every parameter that is not the command's default is named, so that the command gives the same
-run whatever made it: somebody at a terminal, an experiment, or a script.
+The parameters that the user gave are named, whatever made the run: somebody at a terminal, an
+experiment, or a script. Versions before `given` was recorded did not say which these were: then
+every parameter is named that is not the default of this version.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def command_of(run: Lap | TrainingRun | TransferRun) -> str:
         words = _transfer(run)
     else:
         words = _lap(config)
-    lacking = sorted(set(_given(config)) - set(_usual(_kind(run), *_key(config))))
+    lacking = sorted(set(_parameters(config)) - set(_usual(_kind(run), *_key(config))))
     note = f'  # of another version, which had {", ".join(lacking)}' if lacking else ''
     return shlex.join(['./spikelane', *words]) + note
 
@@ -85,13 +86,11 @@ def _what(config: Mapping[str, Any]) -> list[str]:
 
 
 def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
-    """Return the arguments for the parameters that are not the command's defaults."""
-    usual = _usual(kind, *_key(config))
-    chosen = SimulatorParameters.chosen_defaults(config.get('simulator', {}))
-    usual = {**usual, **{f'simulator.{name}': value for name, value in chosen.items()}}
+    """Return the arguments for the parameters that were given."""
+    given = config['given'] if 'given' in config else _differing(kind, config)
     words = []
-    for name, value in _given(config).items():
-        if name not in usual or value == usual[name]:
+    for name, value in given.items():
+        if tuple(name.split('.', 1)) in _TOLD:
             continue
         if kind == 'lap' and name == f'{config["controller"]}.checkpoint':
             words += ['--checkpoint', str(value)]
@@ -102,6 +101,18 @@ def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
         else:
             words += ['--param', f'{name}={_text(value)}']
     return words
+
+
+def _differing(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters that are not the command's defaults."""
+    usual = _usual(kind, *_key(config))
+    chosen = SimulatorParameters.chosen_defaults(config.get('simulator', {}))
+    usual = {**usual, **{f'simulator.{name}': value for name, value in chosen.items()}}
+    return {
+        name: value
+        for name, value in _parameters(config).items()
+        if name in usual and value != usual[name]
+    }
 
 
 def _text(value: Any) -> str:
@@ -123,7 +134,7 @@ def _key(config: Mapping[str, Any]) -> tuple[str, str]:
     return scenario, str(controller)
 
 
-def _given(config: Mapping[str, Any]) -> dict[str, Any]:
+def _parameters(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return all parameters under their names; those of a run are in its groups."""
     groups = ['simulator', str(config.get('controller', '')), 'training']
     if 'transfer' in config:
@@ -152,4 +163,4 @@ def _usual(kind: str, scenario: str, controller: str) -> dict[str, Any]:
             'simulator': SimulatorParameters.from_mapping(own, 'simulator').to_dict(),
             **{name: group().to_dict() for name, group in cls.parameters_classes.items()},
         }
-    return _given(json.loads(json.dumps(config, default=list)))
+    return _parameters(json.loads(json.dumps(config, default=list)))

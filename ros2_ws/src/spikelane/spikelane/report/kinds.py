@@ -42,6 +42,8 @@ class _Config(_Determined, total=False):
     evaluation: _EvaluationConfig
     simulator: dict[str, Any]
     gathering: dict[str, Any]
+    given: dict[str, Any]
+    command_line: list[str]
     transfer: dict[str, Any]
 
 
