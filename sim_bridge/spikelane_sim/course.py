@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import contextlib
 import dataclasses
+import functools
 import math
 from pathlib import Path
 from types import MappingProxyType
@@ -267,6 +268,7 @@ def load_course(name_or_path: str) -> Course:
     return make_course(read_course_file(Path(name_or_path)))
 
 
+@functools.lru_cache(maxsize=64)
 def _random_course(name: str) -> Course:
     for record in draw_records(name):
         with contextlib.suppress(CourseError):
@@ -274,8 +276,9 @@ def _random_course(name: str) -> Course:
     raise AssertionError('drawing never ends')
 
 
+@functools.lru_cache(maxsize=64)
 def make_course(record: CourseRecord) -> Course:
-    """Make a course from what its file says.
+    """Make a course from what its file says; the same record gives the same object again.
 
     Raises:
         CourseError: It cannot be driven; the message says why.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from spikelane_sim import course as course_module
 from spikelane_sim.course import advance, available_courses, Course, load_course
 from spikelane_sim.errors import CourseError
 
@@ -22,6 +24,21 @@ ROOT_HALF = math.sqrt(0.5)
 def course() -> Course:
     """Scenario 1, whose geometry the other two share."""
     return load_course('scenario_1')
+
+
+@pytest.mark.parametrize('name', ['scenario_2', 'random:3'])
+def test_a_course_is_made_once(name: str) -> None:
+    """Loading it again gives the same object."""
+    assert load_course(name) is load_course(name)
+
+
+def test_a_changed_course_file_is_read_again(tmp_path: Path) -> None:
+    """A course is known by what its file says, not by its name."""
+    file, shipped = tmp_path / 'mine.yaml', Path(course_module.__file__).parent / 'courses'
+    file.write_bytes((shipped / 'scenario_1.yaml').read_bytes())
+    before = load_course(str(file))
+    file.write_bytes((shipped / 'scenario_3.yaml').read_bytes())
+    assert (before.name, load_course(str(file)).name) == ('scenario_1', 'scenario_3')
 
 
 def test_the_paper_s_three_scenarios_are_shipped() -> None:
