@@ -213,6 +213,16 @@ def test_the_commands_give_the_same_configurations(report: dict[str, Any]) -> No
         assert json.loads(json.dumps(config.to_dict())) == written
 
 
+def test_the_tables_are_there_in_markdown(report: dict[str, Any]) -> None:
+    """Each under its title, with as many rows as in the JSON."""
+    text = Path(report['page']).with_name('report.md').read_text('utf-8')
+    titles = [line[3:] for line in text.split('\n') if line.startswith('## ')]
+    assert titles == [table['title'] for table in report['tables']]
+    rows = [line for line in text.split('\n') if line.startswith('| ')]
+    assert len(rows) == sum(2 + len(table['rows']) for table in report['tables'])
+    assert f'7 runs at commit {versions()["commit"] or "not recorded"}: ' in text
+
+
 def test_it_is_told_what_made_the_runs(report: dict[str, Any]) -> None:
     """All with this commit, on this machine."""
     [made] = report['made_with']

@@ -11,6 +11,7 @@ from typing import Any
 from spikelane.report.collect import collect
 from spikelane.report.figures import draw_figures, Drawn, OnFigure
 from spikelane.report.groups import Table
+from spikelane.report.markdown import tables_in_markdown
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.runs import LeftOut, Runs
@@ -21,6 +22,7 @@ from spikelane_sim.files import FileError, write_json, write_text_atomically, Wr
 PAGE = 'report.html'
 
 _TABLES = 'report.json'
+_MARKDOWN = 'report.md'
 _TEMPLATE = 'page.html'
 _KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
 
@@ -32,7 +34,8 @@ def write_report(
 
     Args:
         paths: Folders of runs, or above them.
-        out: Folder of the report: `report.html`, `report.json` with its tables, `figures/`.
+        out: Folder of the report: `report.html`, `report.json` and `report.md` with its tables,
+            `figures/`.
         show: Told what is being done.
         note: What readers must know first, '' for nothing.
 
@@ -68,6 +71,9 @@ def write_report(
     writers: dict[str, Callable[[], None]] = {
         f'page ({PAGE})': lambda: write_text_atomically(out / PAGE, page),
         f'tables ({_TABLES})': lambda: write_json(out / _TABLES, result),
+        f'tables ({_MARKDOWN})': lambda: write_text_atomically(
+            out / _MARKDOWN, tables_in_markdown(tables, made_with(runs))
+        ),
     }
     for what, write in writers.items():
         try:

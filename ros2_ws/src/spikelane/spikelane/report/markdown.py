@@ -1,0 +1,31 @@
+"""The tables of a report in Markdown, to be copied into a page of results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from spikelane.report.groups import Table
+from spikelane.report.origin import MadeWith
+
+
+def tables_in_markdown(tables: Iterable[Table], made: Iterable[MadeWith]) -> str:
+    """Return all tables, each with its title and note, and what computed the runs."""
+    parts = [
+        '\n'.join(
+            [
+                f'## {table.title}\n',
+                *map(_row, (table.header, ['---'] * len(table.header), *table.rows)),
+                *([f'\n{table.note}'] if table.note else []),
+            ]
+        )
+        for table in tables
+    ]
+    parts.extend(
+        f'{each.runs} runs at commit {each.commit}: {each.machine}, {each.versions}.'
+        for each in made
+    )
+    return '\n\n'.join(parts) + '\n'
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f'| {" | ".join(cell.replace("|", chr(92) + "|") for cell in cells)} |'
