@@ -44,11 +44,11 @@ def start(context: LaunchContext) -> list[Any]:
     )
     if arguments.text('with') == 'rviz':
         file = str(config / 'spikelane.rviz')
-        return [Node(package='rviz2', executable='rviz2', arguments=['-d', file])]
-    if arguments.text('with') == 'foxglove':
-        settings = {'address': '127.0.0.1', 'port': port or 8765, 'use_sim_time': True}
-        return [
-            Node(package='foxglove_bridge', executable='foxglove_bridge', parameters=[settings])
-        ]
-    settings = {'web_port': port} if port else {}
-    return [graph.viewer(settings, arguments.text('namespace'))]
+        node = Node(package='rviz2', executable='rviz2', arguments=['-d', file])
+    elif arguments.text('with') == 'foxglove':
+        bridge = {'address': '127.0.0.1', 'port': port or 8765, 'use_sim_time': True}
+        node = Node(package='foxglove_bridge', executable='foxglove_bridge', parameters=[bridge])
+    else:
+        settings = {'web_port': port} if port else {}
+        node = graph.viewer(settings, arguments.text('namespace'))
+    return [*graph.end_in_order([], [], [node]), node]

@@ -165,6 +165,11 @@ class BagWriter:
         pending = self._files[-1].pending_count if self._is_open else 0
         return sum(file.message_count for file in self._files) + pending
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic that are in the files: all of them once the bag is closed."""
+        return {topic.name: topic.message_count for topic in self._metadata().topics}
+
     def add_topic(
         self,
         name: str,
@@ -257,6 +262,15 @@ class BagWriter:
         with self._stopping_on_failure():
             self._finish()
         self._is_open = False
+
+    def remove(self) -> None:
+        """Close the bag and remove its folder.
+
+        Raises:
+            BagError: As `close`.
+        """
+        self.close()
+        shutil.rmtree(self.path, ignore_errors=True)
 
     def _check_open(self) -> None:
         if not self._is_open:

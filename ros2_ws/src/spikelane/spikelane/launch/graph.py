@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+import signal
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
@@ -28,6 +29,12 @@ from spikelane_sim.parsing import ParseError, read_yaml_file
 
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
 _GLOBAL_TOPICS = (topic_names.CLOCK, topic_names.TF, topic_names.TF_STATIC)
+
+#: How a node may end that was told to: at its leisure, or by the signals of a launch.
+_TOLD_STATUSES = (
+    0,
+    *(status for each in (signal.SIGINT, signal.SIGTERM) for status in (-each, 128 + each)),
+)
 
 
 class Arguments:
@@ -170,9 +177,11 @@ def recorder(
         facts: About the run, kept in the bag's metadata.
         topics: What to record; None for all of a lap with the controller that `facts` name.
     """
+    names = list(topics or recorded_topics(str(facts['controller'])))
     settings = {
         'output': arguments.text('bag'),
-        'topics': list(topics or recorded_topics(str(facts['controller']))),
+        'topics': names,
+        'needed': [name for name in names if name.endswith(f'/{topic_names.LANE_STATE}')],
         'custom_data': [f'{name}={value}' for name, value in facts.items()],
     }
     file = _in_file(Path(_shipped('spikelane', 'recorder')), 'recorder')
@@ -189,8 +198,8 @@ def end_in_order(
 ) -> list[RegisterEventHandler]:
     """Let nodes end when they have nothing more to do, and those that record after the others.
 
-    All ends, with an error that says so, where a node that records or shows ends before: others
-    may be waiting for it.
+    The launch fails, with an error that says so, where a node fails, and where one that records or
+    shows ends before the others: they may be waiting for it. All others are ended then.
 
     Args:
         groups: When one of a group ends, the others of the group are ended.
@@ -199,22 +208,31 @@ def end_in_order(
     """
     running = [list(group) for group in groups]
     recording = list(last)
+    told: list[Node] = []
+
+    def end(nodes: Sequence[Node]) -> list[EmitEvent]:
+        told.extend(nodes)
+        return [
+            EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
+            for node in nodes
+        ]
 
     def on_exit(event: Any, context: LaunchContext) -> list[Any]:
+        node = event.action
+        is_told = context.is_shutdown or node in told
+        if event.returncode not in (_TOLD_STATUSES if is_told else (0,)):
+            raise RuntimeError(f'{_ended(event)}; its output says why')
         for group in [*running, recording]:
-            if event.action in group:
-                group.remove(event.action)
+            if node in group:
+                group.remove(node)
                 if group and group is not recording:
-                    return [_end(node) for node in group]
+                    return list(end(group))
         if any(running):
-            if event.action in (*last, *viewing) and not context.is_shutdown:
-                raise RuntimeError(
-                    f'{event.action.node_name}: expected it to run until the drive is over, it '
-                    f'ended with status {event.returncode}'
-                )
+            if node in (*last, *viewing) and not context.is_shutdown:
+                raise RuntimeError(f'{_ended(event)}, expected it to run until the drive is over')
             return []
         if recording:
-            return [_end(node) for node in recording]
+            return list(end(recording))
         return [] if viewing else [Shutdown(reason='all is done')]
 
     nodes = [node for group in groups for node in group]
@@ -224,14 +242,14 @@ def end_in_order(
     ]
 
 
+def _ended(event: Any) -> str:
+    return f'{event.action.node_name} ended with status {event.returncode}'
+
+
 def in_namespace(namespace: str) -> list[str]:
     """Return the topics to record in a namespace, which is named after its controller."""
     topics = recorded_topics(namespace)
     return [f'/{namespace}{topic}' for topic in topics if topic != topic_names.DIAGNOSTICS]
-
-
-def _end(node: Node) -> EmitEvent:
-    return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node)))
 
 
 def _node(name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]) -> Node:

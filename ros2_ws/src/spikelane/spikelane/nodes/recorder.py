@@ -214,7 +214,17 @@ class Recorder(Node):
         missing = [name for name in self._listed if name not in self._recorded]
         if missing:
             self.get_logger().warning(f'never published: {", ".join(missing)}')
+        self._remove_if_empty()
         return self._report_lost()
+
+    def _remove_if_empty(self) -> None:
+        needed = self._resolve(self._settings.needed)
+        counts = self._writer.counts
+        if needed and not any(counts.get(name) for name in needed):
+            self._writer.remove()
+            self.get_logger().warning(
+                f'nothing was recorded of {", ".join(needed)}: {self._writer.path} is removed'
+            )
 
     def _report_lost(self) -> bool:
         """Name the topics that lost messages; return whether none of them is reliable."""

@@ -20,6 +20,9 @@ class RecorderParameters(Parameters):
     )
     topics: tuple[str, ...] = parameter((), 'Topics to record; none: all that are not hidden.')
     exclude: tuple[str, ...] = parameter((), 'Topics not to record.')
+    needed: tuple[str, ...] = parameter(
+        (), 'Topics without any message of which the bag is worth nothing: it is removed then.'
+    )
     compression: str = parameter('zstd', 'How chunks are compressed.', choices=COMPRESSIONS)
     chunk_bytes: int = parameter(
         CHUNK_BYTES, 'Size at which a chunk is written.', unit='B', low=1024, high=2**28
