@@ -28,6 +28,7 @@ _TYPES = {
     'lane/state': 'spikelane_msgs/msg/LaneState',
     'event_camera/events': 'event_camera_msgs/msg/EventPacket',
     'wheel_velocities': 'spikelane_msgs/msg/WheelVelocities',
+    'controller/state': 'spikelane_msgs/msg/ControllerState',
 }
 #: Wall time of the first message, and from step to step [ns].
 _BEGIN_NS, _STEP_NS = 10**18, 5_000_000
@@ -191,6 +192,22 @@ class Drives:
     def wheels(self, stamp_ns: int, wheels: WheelVelocities) -> Any:
         """Return the message of an answer."""
         return self._make('wheel_velocities', self.header(stamp_ns), *wheels)
+
+    def controller_state(self, stamp_ns: int, controller: str) -> Any:
+        """Return the state message of a controller that shows nothing."""
+        nothing = np.zeros(0, np.uint32)
+        return self._make(
+            'controller/state',
+            self.header(stamp_ns),
+            controller,
+            1,
+            0,
+            -1,
+            float('nan'),
+            [],
+            nothing,
+            False,
+        )
 
     def header(self, stamp_ns: int) -> Any:
         """Return a header of this stamp."""

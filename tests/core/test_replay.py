@@ -613,10 +613,23 @@ def test_the_command_speaks_to_people(
     assert out.endswith('note            no /wheel_velocities: nothing to compare with\n')
 
 
+def test_the_state_messages_name_the_controller_that_drove(
+    drives: Any, said: list[Any], bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of a bag whose facts another program has left out; the seed is unknown then."""
+    first = said[0]
+    state = drives.controller_state(50_000_000, 'braitenberg')
+    bag = bag_of([type(first)('/controller/state', first.log_ns, state), *said])
+    assert run(['replay', str(bag), '--json', '--out', str(tmp_path / 'out')]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['controller'], result['seed']) == ('braitenberg', 0)
+    assert any('does not say the seed' in note for note in result['notes'])
+
+
 @pytest.mark.parametrize(
     ('arguments', 'status', 'error'),
     [
-        ((), 2, '--controller: expected one of braitenberg, .* bag says that nobody drove'),
+        ((), 2, '--controller: expected one of braitenberg, .* bag does not say what drove'),
         (('--controller', 'rstdp', '--param', 'x'), 2, "--param: expected NAME=VALUE, got 'x'"),
         (('--controller', 'braitenberg', '--checkpoint', 'a'), 2, '--checkpoint: expected a cont'),
         (('--controller', 'braitenberg', '--scenario', '9'), 2, 'course: expected scenario_1'),

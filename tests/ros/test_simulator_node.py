@@ -397,6 +397,15 @@ def test_a_reset_to_an_unknown_lane_is_refused(driver: Driver) -> None:
     assert stamp_of(driver.answer(packet, 1.0, 1.0)) == stamp_of(packet) + STEP_NS
 
 
+def test_a_reset_to_an_episode_without_a_seed_is_refused(driver: Driver) -> None:
+    """Episodes are counted from a seed on; the episode that runs goes on."""
+    packet = driver.begin()
+    answer = driver.graph.call(Reset, driver.name('simulator/reset'), seed=-1, episode=4)
+    assert answer.success is False
+    assert answer.message == 'episode: expected 0 without a seed, got 4 with seed -1'
+    assert stamp_of(driver.answer(packet, 1.0, 1.0)) == stamp_of(packet) + STEP_NS
+
+
 def test_the_episode_ends_where_the_lane_is_left(driver: Driver) -> None:
     """Reported at once; then nothing steps until the reset."""
     packet = driver.begin()

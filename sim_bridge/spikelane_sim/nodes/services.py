@@ -93,6 +93,13 @@ class SimulatorServices:
 
     async def _reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
         seed = None if request.seed < 0 else request.seed
+        if seed is None and request.episode:
+            response.success = False
+            response.message = (
+                f'episode: expected 0 without a seed, got {request.episode} with seed '
+                f'{request.seed}'
+            )
+            return response
         published = Awaitable(self._node)
         try:
             self._stepper.begin(

@@ -9,6 +9,7 @@ numbers far below those before, its packets come after those of the time before.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextlib
 import itertools
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -32,6 +33,7 @@ EVENT_PACKET = 'event_camera_msgs/msg/EventPacket'
 OLD_EVENT_PACKET = 'event_array_msgs/msg/EventArray'  # its name until 2023, with the same fields
 LANE_STATE = 'spikelane_msgs/msg/LaneState'
 WHEEL_VELOCITIES = 'spikelane_msgs/msg/WheelVelocities'
+_CONTROLLER_STATE = 'spikelane_msgs/msg/ControllerState'
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 EVENT_TYPES = (EVENT_PACKET, OLD_EVENT_PACKET)
 TYPES = (*EVENT_TYPES, LANE_STATE, WHEEL_VELOCITIES, JOINT_STATE)
@@ -165,6 +167,18 @@ class RecordedDrive:
         if not self._is_in_order:
             self.notes.append('the event packets were out of order; taken by their numbers')
         self._note_lost()
+
+    @property
+    def controller(self) -> str | None:
+        """The controller that drove: by the bag's facts, else by its first state message."""
+        if said := self.source.custom_data.get('controller'):
+            return said
+        if _CONTROLLER_STATE not in self.source.topics.values():
+            return None
+        for message in self.source.messages((_CONTROLLER_STATE,)):
+            with contextlib.suppress(BagError, AttributeError):
+                return str(self.source.read(message).controller)
+        return None
 
     def packets(self) -> Iterator[DrivePacket]:
         """Yield the event packets in order."""

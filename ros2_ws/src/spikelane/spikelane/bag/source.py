@@ -39,6 +39,10 @@ DEFINITIONS = {
         'std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n'
         'float64[] effort\n'
     ),
+    'spikelane_msgs/msg/ControllerState': (
+        'std_msgs/Header header\nstring controller\nuint32 episode\nuint32 step\nint32 action\n'
+        'float64 reward\nstring[] neurons\nuint32[] spikes\nbool learning\n'
+    ),
     'spikelane_msgs/msg/WheelVelocities': (
         'std_msgs/Header header\nfloat64 left\nfloat64 right\n'
     ),

@@ -86,11 +86,20 @@ def run(options: argparse.Namespace) -> int:
     """
     drive = RecordedDrive(options.bag, options.events)
     said = drive.source.custom_data
-    options.controller = options.controller or said.get('controller')
+    options.controller = options.controller or drive.controller
     if options.controller not in controller_names():
         raise ParameterError(
-            f'--controller: expected one of {", ".join(controller_names())}, as the bag says that '
-            f'{options.controller or "nobody"} drove'
+            f'--controller: expected one of {", ".join(controller_names())}, as the bag '
+            + (
+                f'says that {options.controller} drove'
+                if options.controller
+                else 'does not say what drove'
+            )
+        )
+    if options.seed is None and 'seed' not in said and drive.has_wheels:
+        drive.notes.append(
+            'the bag does not say the seed of what drove: the answers are compared with those of '
+            'seed 0 (--seed)'
         )
     config = make_config(
         options.bag,

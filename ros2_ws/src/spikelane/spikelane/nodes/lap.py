@@ -16,7 +16,7 @@ from spikelane.processes import ProcessError
 from spikelane.run_folder import RunFolder
 from spikelane.trajectory import Trajectory
 from spikelane.trajectory_bag import read_trajectory
-from spikelane_controllers.registry import controller_class
+from spikelane_controllers.registry import card, controller_class
 from spikelane_sim import topic_names
 from spikelane_sim.contract import sensors_of
 
@@ -44,10 +44,13 @@ TOPICS = (
 
 def recorded_topics(controller: str) -> tuple[str, ...]:
     """Return the topics of a lap that are recorded, with all that its controller is given."""
+    topics: tuple[str, ...] = TOPICS
+    if not card(controller).training:  # only a controller that learns publishes its weights
+        topics = tuple(topic for topic in topics if topic != f'/{topic_names.WEIGHTS}')
     if 'encoders' not in sensors_of(controller_class(controller)):
-        return TOPICS
-    place = TOPICS.index(f'/{topic_names.LANE_STATE}')
-    return (*TOPICS[:place], f'/{topic_names.JOINT_STATES}', *TOPICS[place:])
+        return topics
+    place = topics.index(f'/{topic_names.LANE_STATE}')
+    return (*topics[:place], f'/{topic_names.JOINT_STATES}', *topics[place:])
 
 
 def drive_lap_over_ros(
