@@ -502,6 +502,17 @@ def realtime(graph) -> Driver:
     return driver
 
 
+def test_an_episode_that_is_over_in_real_time_says_how_to_go_on(graph) -> None:
+    """In the log, once; the diagnostics no longer say that it plays."""
+    parameters = {'mode': 'realtime', 'robot.model': 'kinematic', 'episode.max_steps': 5}
+    driver = Driver(graph, graph.start('simulator', parameters, '-r', '__ns:=/ended'), '/ended')
+    said = 'step_limit; the robot stands until /ended/simulator/reset is called'
+    graph.until(lambda: said in driver.process.log, 'the end of the episode')
+    over = 'the episode is over'
+    graph.until(lambda: driver.status and driver.diagnostics.message == over, 'diagnostics')
+    driver.process.stop()
+
+
 def test_real_time_runs_at_its_factor(realtime: Driver) -> None:
     """Never faster; slower only where the machine is too slow."""
     packets = realtime.packets

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from spikelane_sim.contract import LaneState
+from spikelane_sim.contract import LaneState, TERMINATED_LANE_LOST
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.status_publisher import StatusPublisher
@@ -54,7 +54,7 @@ class SimulatorDiagnostics:
         if lane is not None and is_terminated and not self._was_terminated:
             self._node.get_logger().info(
                 f'episode {lane.episode} on the {lane.lane} lane ended after {lane.step} steps: '
-                f'{lane.reason}'
+                f'{lane.reason}{self._next_episode(lane)}'
             )
             self.publish()
         elif is_terminated and self._stepper.is_answered and not self._was_answered:
@@ -71,7 +71,20 @@ class SimulatorDiagnostics:
         """Publish the state of the simulation."""
         is_worrying = self._is_worrying()
         state = self._stepper.state.name.lower()
+        lane = self._simulator.lane_state
+        if self._stepper.state is RunState.PLAYING and lane is not None and lane.terminated:
+            state = 'the episode is over'
         self._status.publish(state, self._values(), is_worrying=is_worrying)
+
+    def _next_episode(self, lane: LaneState) -> str:
+        """Return how the robot goes on, where whoever drives is not waited for."""
+        if self._stepper.is_lockstep:
+            return ''
+        name = self._node.get_fully_qualified_name()
+        text = f'; the robot stands until {name}/reset is called'
+        if lane.reason == TERMINATED_LANE_LOST:
+            text += ' (episode.max_distance_m:=0 lets it leave the lane)'
+        return text
 
     def _is_worrying(self) -> bool:
         is_quitting = self._stepper.state is RunState.QUITTING

@@ -63,6 +63,8 @@ def declare_parameter(node: Node, spec: ParameterSpec, value: Any = None) -> Any
         # As rclpy has it, what the node was given comes before what is declared.
         parameter = node.declare_parameter(spec.name, wanted, _descriptor(spec), value is not None)
     except Exception as error:  # rclpy has no common base for what declaring can raise
+        if not node.context.ok():  # a signal has ended the start: the parameter is not wrong
+            raise
         raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
     return spec.check(parameter.value)
 
