@@ -198,7 +198,7 @@ def test_a_drive_that_goes_on_is_nothing_to_warn_of(driver: Driver) -> None:
     assert driver.levels[4] == b'\x01'
 
 
-def test_a_topic_that_a_late_subscriber_misses_is_sent_to_it_alone(driver: Driver) -> None:
+def test_only_the_topic_that_a_late_subscriber_misses_is_sent_again(driver: Driver) -> None:
     """The other topics of the observation that waits are not sent again."""
     packet = driver.begin()
     stamp_ns = stamp_of(packet)

@@ -71,7 +71,7 @@ class KeptPublisher:
             self._publisher.publish(make())
 
     def send_again(self, make: Callable[[], Any]) -> None:
-        """Send the last message again where somebody has missed it."""
+        """Send the last message again, to all subscribers, if one of them has missed it."""
         if self.is_missed:
             self.send(make)
 

@@ -150,7 +150,7 @@ def test_the_turtlebots_inertias_are_those_of_cylinders() -> None:
 
 
 def test_the_urdfs_are_installed_with_the_package() -> None:
-    """setup.py names them, and they lie beside the modules."""
+    """setup.py names them, and they are in the folder of the modules."""
     assert all(robot_model(name).urdf.is_file() for name in ROBOTS)
     setup = Path(__file__).parents[3] / 'sim_bridge' / 'setup.py'
     assert "'robots/*.urdf'" in setup.read_text(encoding='utf-8')

@@ -267,10 +267,13 @@ class BagWriter:
         """Close the bag and remove its folder.
 
         Raises:
-            BagError: As `close`.
+            BagError: As `close`, or the folder cannot be removed.
         """
         self.close()
-        shutil.rmtree(self.path, ignore_errors=True)
+        try:
+            shutil.rmtree(self.path)
+        except OSError as error:
+            raise BagError(f'{self.path}: cannot be removed: {error}') from None
 
     def _check_open(self) -> None:
         if not self._is_open:
