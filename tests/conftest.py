@@ -21,7 +21,8 @@ from spikelane_controllers.registry import make_controller, training_results
 from spikelane_sim.codecs import encode
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
 from spikelane_sim.events import EVENT_DTYPE, Events
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 _MSGS = Path(__file__).parents[1] / 'msgs'
 _TYPES = {

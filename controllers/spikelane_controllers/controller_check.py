@@ -33,7 +33,8 @@ from spikelane_sim.contract import (
 from spikelane_sim.errors import one_line, SpikelaneError
 from spikelane_sim.events import make_events, no_events
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Steps of the drive that the controller is shown.
 STEPS = 60

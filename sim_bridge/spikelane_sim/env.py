@@ -27,7 +27,8 @@ from spikelane_sim.encoding import (
 )
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import MOST_STEPS, parameter
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters, lane_centre_reward
 
 #: Reasons of an episode's end for which it counts as no success.

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection
 import math
 from types import TracebackType
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.camera import ANTIALIAS_ROWS, Camera, CameraModel, CameraParameters
-from spikelane_sim.communication_link import CommunicationLink, LinkParameters
+from spikelane_sim.camera import Camera, CameraModel
+from spikelane_sim.communication_link import CommunicationLink
 from spikelane_sim.contract import (
     LaneState,
     link_rng,
@@ -30,92 +29,14 @@ from spikelane_sim.contract import (
 )
 from spikelane_sim.course import advance, load_course
 from spikelane_sim.errors import PoseError, SpikelaneError
-from spikelane_sim.parameters import check_size, nested, parameter, Parameters
-from spikelane_sim.pixels import make_pixel_model, PixelParameters
-from spikelane_sim.robots import make_robot, P3DX, RobotParameters
-from spikelane_sim.robots.model import RobotModel
-from spikelane_sim.robots.registry import robot_models
+from spikelane_sim.pixels import make_pixel_model
+from spikelane_sim.robots import make_robot
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: How far beyond the rectangle around the road a robot can be placed.
 AREA_MARGIN_M = 10.0
 
 _LAST_EPISODE = 2**32 - 1  # as a message can name it
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeParameters(Parameters):
-    """When an episode ends."""
-
-    max_distance_m: float = parameter(
-        0.5,
-        'The episode ends when the robot is farther than this from the lane centre; 0: never.',
-        unit='m',
-        low=0.0,
-        high=1000.0,
-        source='paper section 3.3 (0.2 for R-STDP, section 4.2)',
-    )
-    max_laps: int = parameter(
-        1, 'Laps after which the episode ends; 0: never.', low=0, high=1_000_000
-    )
-    max_steps: int = parameter(
-        0, 'Steps of 50 ms after which the episode ends; 0: never.', low=0, high=2**31 - 1
-    )
-    no_progress_steps: int = parameter(
-        0,
-        'The episode ends when the farthest progress along the lane has grown by less than '
-        'min_progress_m within this many steps of 50 ms; 0: never.',
-        low=0,
-        high=2**31 - 1,
-    )
-    min_progress_m: float = parameter(
-        0.1, 'See no_progress_steps.', unit='m', low=0.001, high=1000.0
-    )
-
-
-#: Most samples of the ground in a step of 50 ms; images with so many pixels take half a gigabyte.
-MOST_SAMPLES = 2**27
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulatorParameters(Parameters):
-    """Everything that determines a simulation but its seed."""
-
-    course: str = parameter(
-        'scenario_1', 'Name of a shipped course, path of a course file, or random:SEED.'
-    )
-    episode: EpisodeParameters = nested(EpisodeParameters)
-    robot: RobotParameters = nested(RobotParameters)
-    camera: CameraParameters = nested(CameraParameters)
-    pixels: PixelParameters = nested(PixelParameters)
-    link: LinkParameters = nested(LinkParameters)
-
-    @classmethod
-    def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        """As in Parameters: the values of the robot that `robot.model` names."""
-        model = robot_models().get(str(values.get('robot.model', P3DX)))
-        if not isinstance(model, RobotModel):
-            return {}
-        drive = {f'robot.{name}': value for name, value in model.drive.items()}
-        return drive | {f'camera.{name}': value for name, value in model.camera.items()}
-
-    def _check_relations(self) -> None:
-        size = {'camera.width': self.camera.width, 'camera.height': self.camera.height}
-        rows = ANTIALIAS_ROWS if self.camera.antialias else 1
-        self.pixels.check_sizes(size)
-        images = self.pixels.images_per_step
-        check_size(
-            'samples of the ground in a step',
-            {**size, 'rows (camera.antialias)': rows, 'images (pixels.esim.substeps)': images},
-            MOST_SAMPLES,
-        )
-
-
-def current_config(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what determined a run, its simulator's parameters under today's names."""
-    values = config.get('simulator')
-    if not isinstance(values, Mapping):
-        return dict(config)
-    return {**config, 'simulator': SimulatorParameters.current(values)}
 
 
 class _FurthestProgress(NamedTuple):

@@ -10,7 +10,8 @@ import pytest
 from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 AHEAD = WheelVelocities(1.0, 1.0)  # 4.875 mm in a step
 

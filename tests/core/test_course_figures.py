@@ -14,7 +14,7 @@ from spikelane.figures.robustness import draw_robustness, robustness_curves
 from spikelane.main import run
 from spikelane.statistics import mean_statistics, share_statistics
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 ROOT = Path(__file__).parents[2]
 

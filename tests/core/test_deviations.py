@@ -15,7 +15,7 @@ from spikelane_controllers.learning.gathering import GatheringParameters
 from spikelane_controllers.learning.training import TrainingParameters
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.parameters import ParameterSpec
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 TEXT = (Path(__file__).parents[2] / 'docs/deviations.md').read_text('utf-8')
 ITEMS = re.findall(r'^(\d+)\. (\*\*.+)$', TEXT, re.M)

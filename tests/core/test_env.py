@@ -21,7 +21,8 @@ from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import ParameterError, SpikelaneError
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 KINEMATIC = {'robot.model': 'kinematic'}
 LEFT, STRAIGHT, RIGHT = 0, 1, 2

@@ -15,7 +15,8 @@ from spikelane.main import run
 from spikelane.training import make_config as make_train_config
 from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.env import LaneKeepingEnv
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: A robot that stands, as the Braitenberg controller drives with these.
 STANDING = {'braitenberg.steering.v_min': 0, 'braitenberg.steering.v_max': 0}

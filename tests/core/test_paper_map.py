@@ -11,7 +11,7 @@ from spikelane_controllers.dqn_snn.transfer import TransferParameters
 from spikelane_controllers.learning.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, controller_names, training_class
 from spikelane_sim.parameters import ParameterSpec
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 _ROOT = Path(__file__).parents[2]
 _HEAD = ['symbol', 'name in code', 'unit', 'default', 'place in the paper', 'file']

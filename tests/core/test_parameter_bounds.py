@@ -21,7 +21,7 @@ import spikelane_sim
 from spikelane_sim.encoding import StateImageParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 
 def _classes(cls: type[Parameters]) -> Iterator[type[Parameters]]:

@@ -16,7 +16,8 @@ import pytest
 from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import PoseError, SpikelaneError
-from spikelane_sim.simulator import CommandCounts, Simulator, SimulatorParameters
+from spikelane_sim.simulator import CommandCounts, Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 STEP_NS = 50_000_000
 AHEAD = WheelVelocities(1.0, 1.0)

@@ -12,7 +12,8 @@ from spikelane_sim.camera import Camera, CameraParameters
 from spikelane_sim.contract import RobotState, sensors_of, WheelVelocities
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import ParameterError, SpikelaneError
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 PARAMETERS = SimulatorParameters.from_mapping({'camera': {'width': 32, 'height': 16}})
 

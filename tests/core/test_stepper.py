@@ -12,7 +12,8 @@ from spikelane_sim import stepper as stepper_module
 from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.run_state import Publish, RunState
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 from spikelane_sim.stepper import Stepper
 
 STEP_NS = 50_000_000

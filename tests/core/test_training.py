@@ -24,7 +24,8 @@ from spikelane_controllers.learning.training import Termination, Training, Train
 from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Uneven weights that lead off the lane soon: short episodes, ended in either way.
 SWERVING: dict[str, Any] = {

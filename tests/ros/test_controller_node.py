@@ -22,7 +22,8 @@ from spikelane_sim.contract import controller_rng, Observation
 from spikelane_sim.contract import WheelVelocities as Wheels
 from spikelane_sim.events import no_events
 from spikelane_sim.nodes import conversions
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 pytestmark = pytest.mark.ros
 

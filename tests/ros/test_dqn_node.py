@@ -17,7 +17,8 @@ from spikelane_controllers.dqn.training import DqnTrainingParameters
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import Observation, WheelVelocities
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 pytestmark = pytest.mark.ros
 

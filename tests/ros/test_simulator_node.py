@@ -31,7 +31,8 @@ from spikelane_sim.contract import WheelVelocities as Wheels
 from spikelane_sim.messages import to_stamp_ns
 from spikelane_sim.nodes.conversions import events_from_packet
 from spikelane_sim.nodes.simulator import SimulatorNodeParameters
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 pytestmark = pytest.mark.ros
 

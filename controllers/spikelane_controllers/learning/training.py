@@ -33,7 +33,7 @@ from spikelane_sim.contract import (
 )
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
-from spikelane_sim.simulator import current_config
+from spikelane_sim.simulator_parameters import current_config
 
 #: Prefix of the names that the controller's arrays have in a checkpoint.
 _PREFIX = 'controller.'

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Shows what is being done, how much of it is done, and of how much.
 OnStageProgress = Callable[[str, int, int], None]

@@ -22,7 +22,8 @@ from spikelane_sim.nodes.services import SimulatorServices
 from spikelane_sim.nodes.topics import LATCHED, SimulatorTopics
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.run_state import Publish
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 from spikelane_sim.stepper import Stepper
 
 WAITING_WARNING_PERIOD_S = 5.0

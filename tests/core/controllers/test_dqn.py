@@ -21,7 +21,8 @@ from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocit
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.events import make_events
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 KINEMATIC = {'robot.model': 'kinematic', 'episode.max_laps': 0}
 

@@ -34,7 +34,8 @@ from spikelane_controllers.dqn_snn.transferred import (
 from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import StateImage
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 READER = Path(__file__).with_name('nir_reader.py')
 INPUTS, HIDDEN, STEPS = 512, 50, 400

@@ -15,7 +15,8 @@ from spikelane_controllers.spiking.plasticity import SynapseParameters
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.events import make_events, no_events
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 CONFIG = Path(__file__).parents[3] / 'controllers' / 'config' / 'rstdp.yaml'
 

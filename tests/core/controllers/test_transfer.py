@@ -18,7 +18,8 @@ from spikelane_controllers.dqn_snn.transfer import (
     TransferParameters,
 )
 from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 KINEMATIC = {'robot.model': 'kinematic', 'episode.max_laps': 0, 'episode.max_steps': 200}
 

@@ -9,7 +9,7 @@ import pytest
 
 from spikelane_sim.robots.description import read_description
 from spikelane_sim.robots.registry import robot_model, robot_models
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 ROBOTS = tuple(robot_models())
 every_robot = pytest.mark.parametrize('name', ROBOTS)

@@ -10,7 +10,7 @@ import pytest
 from spikelane.experiment.plan import _key_in
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import RobotParameters
-from spikelane_sim.simulator import current_config, SimulatorParameters
+from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
 
 FORMER = {
     'robot.model': 'kinematic',

@@ -14,7 +14,7 @@ from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 TRANSPORTS = ('ros', 'inprocess')
 

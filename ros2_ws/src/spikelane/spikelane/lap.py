@@ -26,7 +26,8 @@ from spikelane_controllers.shown import shown_by
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import Observation, sensors_of, STEP_S, WheelVelocities
 from spikelane_sim.course import course_label, load_course, scenario_course
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Ends a drive that makes no progress: less than 0.1 m farther within 30 s.
 NO_PROGRESS_STEPS = 600

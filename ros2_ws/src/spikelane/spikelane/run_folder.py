@@ -39,7 +39,7 @@ from spikelane_sim.files import FileError, write_json, write_yaml, WriteError
 from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parameters import first_difference
 from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
-from spikelane_sim.simulator import current_config
+from spikelane_sim.simulator_parameters import current_config
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')

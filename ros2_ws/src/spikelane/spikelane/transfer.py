@@ -23,7 +23,7 @@ from spikelane_controllers.weights import find_checkpoint, shipped_weights
 from spikelane_sim.course import course_label, scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,8 @@ from typing import Any
 from spikelane.loop import drive_episode
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import Observation, WheelVelocities
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 
 def measure_closed_loop(engine: str, steps: int = 2000, repeats: int = 5) -> dict[str, Any]:

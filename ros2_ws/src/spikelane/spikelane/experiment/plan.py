@@ -24,7 +24,7 @@ from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.parsing import ParseError, read_json_file
-from spikelane_sim.simulator import current_config
+from spikelane_sim.simulator_parameters import current_config
 
 #: In a run's folder: what it is, for who does it and to find it again.
 RUN_FILE = 'run.json'

@@ -38,7 +38,7 @@ from spikelane_controllers.registry import (
 )
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Stands in a configuration, while runs are planned, for the checkpoint another will leave.
 FROM_RUN = '(of the run before)'

@@ -15,7 +15,8 @@ from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import Events
-from spikelane_sim.simulator import Simulator, SimulatorParameters
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 
 class Seen(NamedTuple):

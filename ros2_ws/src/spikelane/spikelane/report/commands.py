@@ -19,7 +19,7 @@ from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane_controllers.registry import transfer_class
 from spikelane_sim.course import scenario_course
 from spikelane_sim.parsing import parse_yaml
-from spikelane_sim.simulator import SimulatorParameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Parameters that a command has options for, which are always given.
 _TOLD = (('simulator', 'course'), ('training', 'steps'))

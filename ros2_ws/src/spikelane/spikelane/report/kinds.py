@@ -7,7 +7,7 @@ from typing import Any, TypedDict
 
 from spikelane_controllers.operations import Operations
 from spikelane_sim.kinds import check_kind, Scalar
-from spikelane_sim.simulator import current_config
+from spikelane_sim.simulator_parameters import current_config
 
 #: A parameter, or a group of them.
 _Setting = Scalar | list[Scalar] | dict[str, Scalar | list[Scalar]]

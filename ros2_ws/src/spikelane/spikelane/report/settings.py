@@ -24,7 +24,7 @@ from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.simulator import current_config, SimulatorParameters
+from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
 _NO_VARIANT = ('course', 'checkpoint', 'q_learning.device')
