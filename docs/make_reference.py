@@ -130,13 +130,13 @@ def executables(folder: Path) -> dict[str, Executable]:
             starts.append(Start('`learning`', output))
         nodes[name] = Executable('spikelane_controllers', _class(module, cls, name), starts)
     bag = str(ROOT / 'tests/data/bag_none')
-    for name, cls, parameters in (
-        ('recorder', 'Recorder', {'output': str(folder / 'bag')}),
-        ('replay', 'ReplayNode', {'bag': bag}),
-        ('viewer', 'Viewer', {'web_port': 0, 'grpc_port': 0}),
+    for module, cls, parameters in (
+        ('spikelane.nodes.recorder', 'Recorder', {'output': str(folder / 'bag')}),
+        ('spikelane.runs.replay.nodes.replay', 'ReplayNode', {'bag': bag}),
+        ('spikelane.nodes.viewer', 'Viewer', {'web_port': 0, 'grpc_port': 0}),
     ):
-        make = _class(f'spikelane.nodes.{name}', cls)
-        nodes[name] = Executable('spikelane', make, (Start('', parameters),))
+        make = _class(module, cls)
+        nodes[module.rpartition('.')[2]] = Executable('spikelane', make, (Start('', parameters),))
     return nodes
 
 

@@ -15,9 +15,6 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane import training
-from spikelane.evaluation import evaluate
-from spikelane.evaluation import make_config as make_evaluation
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan
 from spikelane.experiment.results import experiment_results
@@ -25,14 +22,18 @@ from spikelane.experiment.runner import Runner
 from spikelane.experiment.worker import read_progress, read_run
 from spikelane.figures.robustness import robustness_curves
 from spikelane.main import run
-from spikelane.metrics import lap_metrics
 from spikelane.report.collect import collect
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, made_with
 from spikelane.report.tables import all_tables
-from spikelane.run_folder import RunFolder
-from spikelane.trajectory import read_csv
-from spikelane.transfer import make_config as make_transfer
+from spikelane.runs.evaluate.config import make_config as make_evaluation
+from spikelane.runs.evaluate.run import evaluate
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.metrics import lap_metrics
+from spikelane.runs.lap.trajectory import read_csv
+from spikelane.runs.train import config as train_config
+from spikelane.runs.train import run as training
+from spikelane.runs.transfer.config import make_config as make_transfer
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import STEP_S
@@ -106,7 +107,7 @@ def _report(folder: Path) -> None:
 
 
 def _resume_training(controller: str, folder: Path) -> None:
-    config = training.make_config('1', controller, 1, 'inprocess', _options(controller), 60)
+    config = train_config.make_config('1', controller, 1, 'inprocess', _options(controller), 60)
     training.make_training(config, RunFolder(folder), resume=True)
 
 

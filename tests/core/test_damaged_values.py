@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-from spikelane.evaluation import evaluate, make_config
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan
 from spikelane.experiment.results import experiment_results
 from spikelane.experiment.runner import RunStatus, Status
 from spikelane.experiment.worker import Progress, read_progress, read_run
-from spikelane.run_folder import RunFolder
-from spikelane.trajectory import COLUMNS, read_csv, TrajectoryError
+from spikelane.runs.evaluate.config import make_config
+from spikelane.runs.evaluate.run import evaluate
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.trajectory import COLUMNS, read_csv, TrajectoryError
 from spikelane_sim.files import FileError
 from spikelane_sim.parsing import parse_json, parse_yaml, ParseError
 

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import pytest
 import yaml
 
-from spikelane.commands.arguments import given_parameters
-from spikelane.configuration import configure
 from spikelane.executables import executables
 from spikelane.experiment.file import read_experiment
 from spikelane.main import _parser
+from spikelane.runs.arguments import given_parameters
+from spikelane.runs.configuration import configure
 from spikelane_controllers import registry
 
 ROOT = Path(__file__).parents[2]

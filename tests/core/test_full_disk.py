@@ -16,7 +16,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from spikelane.main import run
-from spikelane.trajectory import read_csv
+from spikelane.runs.lap.trajectory import read_csv
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.learning.scalar_log import ScalarLog
 from spikelane_sim.files import append_bytes, WriteError

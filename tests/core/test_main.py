@@ -44,10 +44,10 @@ def fake_command(monkeypatch: pytest.MonkeyPatch, result: BaseException | int) -
             raise result
         return result
 
-    module = ModuleType('spikelane.commands.lap')
+    module = ModuleType('spikelane.runs.lap.command')
     module.add_arguments = lambda parser: None  # type: ignore[attr-defined]
     module.run = run_fake  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, 'spikelane.commands.lap', module)
+    monkeypatch.setitem(sys.modules, 'spikelane.runs.lap.command', module)
 
 
 def install_recorder(prefix: Path) -> None:
@@ -179,7 +179,7 @@ def test_a_signal_takes_effect_between_two_steps(
         return 0
 
     fake_command(monkeypatch, 0)
-    monkeypatch.setattr(sys.modules['spikelane.commands.lap'], 'run', run_until_told)
+    monkeypatch.setattr(sys.modules['spikelane.runs.lap.command'], 'run', run_until_told)
     assert run(['lap']) == status
     assert done == ['step', 'clean-up']
 
@@ -236,7 +236,7 @@ def test_where_nodes_cannot_be_started_no_folder_is_made(
     if missing:
         for module in ('spikelane_msgs', 'spikelane_msgs.srv'):
             monkeypatch.setitem(sys.modules, module, None)
-        monkeypatch.delitem(sys.modules, 'spikelane.nodes.lap', raising=False)
+        monkeypatch.delitem(sys.modules, 'spikelane.runs.lap.nodes.driving', raising=False)
     else:
         pytest.importorskip('spikelane_msgs')
         monkeypatch.delenv('AMENT_PREFIX_PATH')

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from spikelane.training import training_defaults
+from spikelane.runs.train.config import training_defaults
 from spikelane_controllers.dqn_snn.transfer import TransferParameters
 from spikelane_controllers.learning.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_class, controller_names, training_class

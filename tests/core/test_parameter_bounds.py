@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import spikelane
-from spikelane.transfer import configure_transfer
+from spikelane.runs.transfer.config import configure_transfer
 import spikelane_controllers
 from spikelane_controllers.braitenberg.controller import BraitenbergParameters
 from spikelane_controllers.dqn.parameters import DqnParameters

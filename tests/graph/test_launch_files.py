@@ -22,9 +22,10 @@ import pytest
 from rosbags.highlevel import AnyReader
 from safetensors.numpy import load_file
 
-from spikelane.lap import drive_lap, make_config
 from spikelane.processes import end_with
-from spikelane.trajectory_bag import read_trajectory
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.run import drive_lap
+from spikelane.runs.lap.trajectory_bag import read_trajectory
 from spikelane.viewer.server import WEB_PORT
 
 pytestmark = pytest.mark.ros

@@ -10,8 +10,9 @@ from spikelane_msgs.msg import ControllerState
 from spikelane_msgs.srv import Reset
 
 from spikelane.loop import drive_episode
-from spikelane.run_folder import RunFolder
-from spikelane.training import make_config, train
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.train.config import make_config
+from spikelane.runs.train.run import train
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn.training import DqnTrainingParameters
 from spikelane_controllers.dqn.visited_states import read_states

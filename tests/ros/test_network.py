@@ -10,10 +10,10 @@ from domain_coordinator import domain_id
 import pytest
 
 from spikelane.executables import find_executable
-from spikelane.lap import make_config
 from spikelane.nodes.graph import own_domain, RECORDER_DEADLINE_S, running_nodes
-from spikelane.nodes.lap import node_parameters
-from spikelane.run_folder import RunFolder
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.nodes.driving import node_parameters
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.nodes.network import network_variables
 

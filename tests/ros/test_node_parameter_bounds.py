@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 
 import spikelane.nodes
+import spikelane.runs.replay.nodes
 import spikelane_controllers.nodes
 import spikelane_sim.nodes
 from spikelane_sim.parameters import Parameters
@@ -16,7 +17,12 @@ def test_every_number_of_a_node_has_bounds() -> None:
     """Each whole number, number and list of numbers says its smallest and largest value."""
     classes = {
         cls
-        for package in (spikelane_sim.nodes, spikelane_controllers.nodes, spikelane.nodes)
+        for package in (
+            spikelane_sim.nodes,
+            spikelane_controllers.nodes,
+            spikelane.nodes,
+            spikelane.runs.replay.nodes,
+        )
         for module in pkgutil.iter_modules(package.__path__, f'{package.__name__}.')
         for _, cls in inspect.getmembers(importlib.import_module(module.name), inspect.isclass)
         if issubclass(cls, Parameters) and '.nodes.' in cls.__module__

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from spikelane_msgs.msg import WheelVelocities
 
-from spikelane.answer_comparison import Answer
 from spikelane.bag.drive import RecordedDrive
-from spikelane.replay import make_config, replay, summarise
+from spikelane.runs.replay.config import make_config
+from spikelane.runs.replay.metrics import Answer, summarise
+from spikelane.runs.replay.run import replay
 from spikelane_sim import messages
 
 pytestmark = pytest.mark.ros

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from spikelane.nodes.lap import TOPICS
+from spikelane.runs.lap.nodes.driving import TOPICS
 
 pytestmark = pytest.mark.ros
 

@@ -29,7 +29,7 @@ setup(
         'console_scripts': [
             'spikelane = spikelane.entry:main',
             'recorder = spikelane.nodes.recorder:main',
-            'replay = spikelane.nodes.replay:main',
+            'replay = spikelane.runs.replay.nodes.replay:main',
             'viewer = spikelane.nodes.viewer:main',
         ],
     },

@@ -21,7 +21,9 @@ from spikelane.bag.reader import BagReader
 from spikelane.bag.source import BagSource
 from spikelane.bag.writer import BagWriter
 from spikelane.main import run
-from spikelane.replay import make_config, replay, summarise
+from spikelane.runs.replay.config import make_config
+from spikelane.runs.replay.metrics import summarise
+from spikelane.runs.replay.run import replay
 from spikelane_sim.errors import BagError
 
 ODD = Path(__file__).parents[2] / 'data' / 'odd_bags'

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane.lap import drive_lap, make_config
-from spikelane.metrics import lap_metrics
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.metrics import lap_metrics
+from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.braitenberg.controller import (
     Braitenberg,
     braitenberg_weights,

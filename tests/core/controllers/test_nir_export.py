@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane.lap import drive_lap, make_config
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.dqn_snn.controller import (
     DqnSnn,
     DqnSnnParameters,

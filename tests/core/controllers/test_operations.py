@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane.lap import drive_lap, make_config
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.dqn.q_network import (
     decision_operations,
     initial_network,

@@ -10,8 +10,8 @@ from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan, PlannedRun
 from spikelane.experiment.results import experiment_results
 from spikelane.experiment.runner import RunStatus, Status
-from spikelane.run_folder import RunFolder
-from spikelane.summary import MEASURES, MEASURES_OF_ALL
+from spikelane.runs.evaluate.summary import MEASURES, MEASURES_OF_ALL
+from spikelane.runs.folder import RunFolder
 
 
 def lap(seed: int, error_m: float) -> dict[str, Any]:

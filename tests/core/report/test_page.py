@@ -21,14 +21,14 @@ from playwright.sync_api import sync_playwright
 import pytest
 import yaml
 
-from spikelane.commands import train
-from spikelane.commands.arguments import given_parameters
 from spikelane.main import run
 from spikelane.report.again import drive_again
 from spikelane.report.collect import collect
-from spikelane.run_folder import versions
-from spikelane.training import make_config
-from spikelane.trajectory import read_csv, write_csv
+from spikelane.runs.arguments import given_parameters
+from spikelane.runs.folder import versions
+from spikelane.runs.lap.trajectory import read_csv, write_csv
+from spikelane.runs.train import command as train
+from spikelane.runs.train.config import make_config
 from spikelane_sim.errors import SpikelaneError
 
 # Seconds of work for one who has the machine for himself.

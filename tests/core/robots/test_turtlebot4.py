@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from spikelane.lap import drive_lap, make_config
-from spikelane.metrics import lap_metrics
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.metrics import lap_metrics
+from spikelane.runs.lap.run import drive_lap
 from spikelane_sim.contract import STEP_S, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import make_robot, RobotParameters

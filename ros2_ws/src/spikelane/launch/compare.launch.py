@@ -10,8 +10,8 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
-from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
+from spikelane.runs.lap.config import NO_PROGRESS_STEPS
 from spikelane_controllers.registry import controller_names, usual_controller, usual_training
 from spikelane_sim import topic_names
 

@@ -8,8 +8,8 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
-from spikelane.lap import NO_PROGRESS_STEPS
 from spikelane.launch import graph
+from spikelane.runs.lap.config import NO_PROGRESS_STEPS
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -10,7 +10,7 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
 from spikelane.launch import graph
-from spikelane.training import training_defaults
+from spikelane.runs.train.config import training_defaults
 from spikelane_controllers.registry import training_names, usual_training
 
 

@@ -8,11 +8,14 @@ from pathlib import Path
 import tempfile
 from typing import Any
 
-from spikelane import lap, training
-from spikelane.configuration import parameter_groups
-from spikelane.run_folder import RunFolder
-from spikelane.trajectory import write_csv
-from spikelane.transport import check_transport
+from spikelane.runs.configuration import parameter_groups
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap import config as lap_config
+from spikelane.runs.lap import run as lap
+from spikelane.runs.lap.trajectory import write_csv
+from spikelane.runs.train import config as train_config
+from spikelane.runs.train import run as training
+from spikelane.runs.transport import check_transport
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.controller_check import check_controller, Violations
 from spikelane_controllers.registry import controller_class, training_names
@@ -43,7 +46,7 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
             ROS where it is asked for.
     """
     check_transport(transport, name)
-    given = {**lap.default_weights('1', name), **parameters}
+    given = {**lap_config.default_weights('1', name), **parameters}
     own = parameter_groups(given, {name: {}})[name]
     found = check_controller(name, controller_class(name), own)
     violations = Violations(name)
@@ -65,7 +68,7 @@ def _check_lap(
     violations: Violations, name: str, parameters: Mapping[str, Any], folder: Path
 ) -> None:
     """Check that a short drive over ROS is the same as in one process."""
-    make = functools.partial(lap.make_config, '1', name, None, _SEED)
+    make = functools.partial(lap_config.make_config, '1', name, None, _SEED)
     given = {**parameters, **_SHORT}
     driven = lap.drive_lap(make('inprocess', given), _quiet)
     config = make('ros', given)
@@ -88,7 +91,7 @@ def _check_training(
     given = {**parameters, **_SHORT}
 
     def train(where: str, steps: int, transport: str = 'inprocess') -> bytes:
-        config = training.make_config('1', name, _SEED, transport, given, steps)
+        config = train_config.make_config('1', name, _SEED, transport, given, steps)
         is_resumed = (folder / where).exists()
         run = RunFolder(folder / where) if is_resumed else RunFolder.begin(config, folder / where)
         training.train(config, run, _quiet, resume=is_resumed)

@@ -11,7 +11,10 @@ from typing import NoReturn
 
 from spikelane.interruption import Interrupted, signals_noted
 
-#: Sub-commands and what they are for; each is a module of `spikelane.commands`.
+#: Sub-commands that do one run, each a package of `spikelane.runs`.
+_RUNS = ('lap', 'train', 'transfer', 'replay', 'evaluate')
+
+#: Sub-commands and what they are for; the others are modules of `spikelane.commands`.
 COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
@@ -102,7 +105,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=purpose, description=f'{purpose.capitalize()}.')
         # Only the one that is run is imported: the others' libraries take their time.
         if arguments and arguments[0] == name:
-            module = importlib.import_module(f'spikelane.commands.{name}')
+            is_run = name in _RUNS
+            module = importlib.import_module(
+                f'spikelane.runs.{name}.command' if is_run else f'spikelane.commands.{name}'
+            )
             module.add_arguments(sub)
             sub.set_defaults(run=module.run)
     return parser

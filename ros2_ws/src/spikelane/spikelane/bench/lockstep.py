@@ -11,9 +11,9 @@ import tempfile
 from typing import Any
 
 from spikelane.bench.closed_loop import measure_closed_loop
-from spikelane.lap import LapConfig, make_config
 from spikelane.processes import Processes
-from spikelane.run_folder import RunFolder
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import LapConfig, make_config
 
 #: Bytes of an event packet on scenario 1: about 30 events, each a word of address and one of row.
 PACKET_BYTES = 120
@@ -61,7 +61,7 @@ def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
 
 def _lockstep_us(config: LapConfig, steps: int) -> float:
     # Here and not above: the other measurements must work where there is no ROS.
-    from spikelane.nodes.lap import drive_unrecorded
+    from spikelane.runs.lap.nodes.driving import drive_unrecorded
 
     with tempfile.TemporaryDirectory(prefix='spikelane_bench_') as folder:
         wall_time_s: float = drive_unrecorded(config, RunFolder(Path(folder)))

@@ -6,8 +6,8 @@ import argparse
 import json
 
 from spikelane.check import check
-from spikelane.commands.arguments import add_parameter_arguments, parse_parameters
-from spikelane.configuration import TRANSPORTS
+from spikelane.runs.arguments import add_parameter_arguments, parse_parameters
+from spikelane.runs.configuration import TRANSPORTS
 from spikelane_controllers.registry import controller_names, usual_controller
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from spikelane.configuration import check_number
 from spikelane.experiment.engine import Engine
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.local import LocalEngine
@@ -21,7 +20,8 @@ from spikelane.experiment.runner import Runner, RunStatus
 from spikelane.experiment.tasks import task_named
 from spikelane.lock import locked
 from spikelane.requirements import require
-from spikelane.run_folder import make_folder, RunFolder, RUNS
+from spikelane.runs.configuration import check_number
+from spikelane.runs.folder import make_folder, RunFolder, RUNS
 from spikelane_sim.errors import ParameterError
 
 RETRIES = 2

@@ -6,8 +6,8 @@ import argparse
 import json
 from pathlib import Path
 
-from spikelane.commands.arguments import add_parameter_arguments, parse_parameters
-from spikelane.configuration import parameter_groups
+from spikelane.runs.arguments import add_parameter_arguments, parse_parameters
+from spikelane.runs.configuration import parameter_groups
 from spikelane_controllers.registry import card, cards, controller_class, hook
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError

@@ -16,11 +16,11 @@ from spikelane.commands.experiment import (
     RETRIES,
     summary,
 )
-from spikelane.configuration import check_number
 import spikelane.experiment
 from spikelane.experiment.file import MOST_SEEDS, read_experiment, with_seeds
 from spikelane.experiment.plan import make_plan
-from spikelane.run_folder import RUNS
+from spikelane.runs.configuration import check_number
+from spikelane.runs.folder import RUNS
 
 #: Names of the experiments' files, which lie with the code that runs them.
 PAPER, QUICK = 'paper', 'paper_quick'

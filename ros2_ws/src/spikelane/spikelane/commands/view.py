@@ -10,21 +10,23 @@ import sys
 import time
 from typing import Any
 
-from spikelane.commands.arguments import (
+from spikelane.executables import find_executable
+from spikelane.interruption import hand_over, Interrupted
+from spikelane.lock import locked
+from spikelane.requirements import require
+from spikelane.runs.arguments import (
     add_configuration_arguments,
     given_parameters,
     given_weights,
     progress,
 )
-from spikelane.configuration import check_number
-from spikelane.executables import find_executable
-from spikelane.interruption import hand_over, Interrupted
-from spikelane.lap import LapConfig, make_config, report_lap
-from spikelane.lock import locked
-from spikelane.requirements import require
-from spikelane.run_folder import RunFolder
-from spikelane.training import make_config as make_training_config
-from spikelane.training import report_training, TrainConfig
+from spikelane.runs.configuration import check_number
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import LapConfig, make_config
+from spikelane.runs.lap.run import report_lap
+from spikelane.runs.train.config import make_config as make_training_config
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import report_training
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
 from spikelane_controllers.registry import controller_names, training_card, training_names
 from spikelane_sim.errors import ParameterError, SpikelaneError
@@ -135,8 +137,8 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     """Let the robot drive or learn before the viewer's eyes; return the results."""
     try:
         # Here and not above: where there is no ROS the command must be able to say so.
-        from spikelane.nodes.lap import drive_lap_over_ros
-        from spikelane.nodes.training import train_over_ros
+        from spikelane.runs.lap.nodes.driving import drive_lap_over_ros
+        from spikelane.runs.train.nodes.training import train_over_ros
     except ImportError as error:
         raise SpikelaneError(f'expected ROS 2 and the built workspace, got {error}') from None
     viewer = {'server': server.address}

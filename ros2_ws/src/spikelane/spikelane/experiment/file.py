@@ -28,8 +28,8 @@ from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
-from spikelane.configuration import TRANSPORTS
 from spikelane.experiment.tasks import controller_groups, TASKS
+from spikelane.runs.configuration import TRANSPORTS
 from spikelane_controllers.registry import controller_names
 from spikelane_sim.course import available_courses, load_course, scenario_course
 from spikelane_sim.errors import ParameterError, SpikelaneError

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.file import Block, ExperimentError, ExperimentRecord
 from spikelane.experiment.tasks import FROM_RUN, Need, plain, Point, TASKS
-from spikelane.input_files import input_digests
-from spikelane.run_folder import RunFolder
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.input_files import input_digests
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.parameters import Parameters

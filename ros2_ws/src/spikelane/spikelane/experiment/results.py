@@ -8,9 +8,9 @@ import math
 from typing import Any, TypedDict
 
 from spikelane.experiment.runner import Status
-from spikelane.run_folder import RunFolder
+from spikelane.runs.evaluate.summary import check_lap, summarise_by_lane, SummarisedLap
+from spikelane.runs.folder import RunFolder
 from spikelane.statistics import mean_statistics, METHOD, time_statistics
-from spikelane.summary import check_lap, summarise_by_lane, SummarisedLap
 from spikelane_sim.kinds import check_kind
 
 #: Metrics that are no results of a run, or not comparable.

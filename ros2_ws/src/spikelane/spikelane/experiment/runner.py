@@ -24,7 +24,7 @@ from spikelane.experiment.engine import Ended, Engine
 from spikelane.experiment.plan import find_runs, make_run_folder, Plan, PlannedRun, write_run
 from spikelane.experiment.worker import Progress, read_progress
 from spikelane.interruption import check
-from spikelane.run_folder import RunFolder
+from spikelane.runs.folder import RunFolder
 from spikelane_sim.files import append_bytes
 
 LOG_FILE = 'log.jsonl'

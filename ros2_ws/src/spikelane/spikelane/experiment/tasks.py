@@ -12,20 +12,17 @@ import json
 import time
 from typing import Any, cast, NamedTuple
 
-from spikelane.configuration import RunConfig
-from spikelane.evaluation import evaluate, EvaluateConfig, EvaluationParameters, ShowShare
-from spikelane.evaluation import make_config as make_evaluate_config
-from spikelane.run_folder import RunFolder
-from spikelane.training import make_config as make_train_config
-from spikelane.training import report_training, train, TrainConfig
-from spikelane.transfer import (
-    configure_transfer,
-    report_transfer,
-    source_of,
-    transfer,
-    TransferConfig,
-)
-from spikelane.transfer import make_config as make_transfer_config
+from spikelane.runs.configuration import RunConfig
+from spikelane.runs.evaluate.config import EvaluateConfig, EvaluationParameters
+from spikelane.runs.evaluate.config import make_config as make_evaluate_config
+from spikelane.runs.evaluate.run import evaluate, ShowShare
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.train.config import make_config as make_train_config
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import report_training, train
+from spikelane.runs.transfer.config import configure_transfer, source_of, TransferConfig
+from spikelane.runs.transfer.config import make_config as make_transfer_config
+from spikelane.runs.transfer.run import report_transfer, transfer
 from spikelane_controllers.learning.gathering import GatheringParameters, MOST_STATES
 from spikelane_controllers.learning.transfer import STATES
 from spikelane_controllers.registry import (

@@ -15,12 +15,12 @@ import sys
 import time
 from typing import Any, NamedTuple, TypedDict
 
-from spikelane.configuration import RunConfig
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.experiment.tasks import Point, Task, task_named
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
-from spikelane.run_folder import RunFolder
+from spikelane.runs.configuration import RunConfig
+from spikelane.runs.folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import FileError, write_bytes_atomically
 

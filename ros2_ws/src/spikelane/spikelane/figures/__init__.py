@@ -1,5 +1,1 @@
-"""Figures, drawn from trajectories and metrics; matplotlib is imported when the first is drawn."""
-
-from spikelane.figures.lap import draw_lap
-
-__all__ = ['draw_lap']
+"""Figures of several runs, and what all draw; matplotlib is imported when the first is drawn."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from spikelane.figures.lap import deviation_limit_m, draw_deviation, draw_histogram
-from spikelane.metrics import lap_metrics
-from spikelane.trajectory import Trajectory
+from spikelane.runs.lap.figure import deviation_limit_m, draw_deviation, draw_histogram
+from spikelane.runs.lap.metrics import lap_metrics
+from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import Course

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.trajectory import Trajectory
+from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 

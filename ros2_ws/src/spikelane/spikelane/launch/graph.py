@@ -20,7 +20,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from spikelane.executables import executables
-from spikelane.nodes.lap import RECORDED_DEPTH, recorded_topics, recorder_windows
+from spikelane.runs.lap.nodes.driving import RECORDED_DEPTH, recorded_topics, recorder_windows
 from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names

@@ -21,7 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from spikelane.executables import find_executable
 from spikelane.interruption import check
 from spikelane.processes import ProcessError, Processes
-from spikelane.run_folder import RunFolder
+from spikelane.runs.folder import RunFolder
 from spikelane_sim import topic_names
 from spikelane_sim.files import write_yaml
 from spikelane_sim.nodes.network import network_variables, PROFILE, RANGE

@@ -10,7 +10,7 @@ import dataclasses
 from typing import NamedTuple
 
 from spikelane.report.runs import Lap
-from spikelane.trajectory import Trajectory
+from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import SpikelaneError

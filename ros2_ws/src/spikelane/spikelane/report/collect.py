@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.input_files import transferred_controller
 from spikelane.report.kinds import (
     check_config,
     EvaluationMetrics,
@@ -33,8 +32,9 @@ from spikelane.report.runs import (
     TransferRun,
 )
 from spikelane.report.settings import checkpoint_of, scenario_name, setting_of
-from spikelane.run_folder import RunFolder
-from spikelane.summary import check_lap
+from spikelane.runs.evaluate.summary import check_lap
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.input_files import transferred_controller
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.registry import (

@@ -13,9 +13,10 @@ import json
 import shlex
 from typing import Any
 
-from spikelane import lap, training
-from spikelane.input_files import transferred_controller
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
+from spikelane.runs.input_files import transferred_controller
+from spikelane.runs.lap import config as lap
+from spikelane.runs.train import config as training
 from spikelane_controllers.registry import transfer_class
 from spikelane_sim.course import scenario_course
 from spikelane_sim.parsing import parse_yaml

@@ -37,7 +37,7 @@ from spikelane.report.runs import (
     TrainingRun,
     TransferRun,
 )
-from spikelane.trajectory import read_csv, Trajectory
+from spikelane.runs.lap.trajectory import read_csv, Trajectory
 from spikelane_controllers.learning.results import Figure
 from spikelane_controllers.registry import cards, hook, title
 from spikelane_sim import figure_style as style

@@ -8,8 +8,8 @@ from typing import Any
 from spikelane.report.groups import by_key, Key, seeds_in_words, Table
 from spikelane.report.quantities import COUNT, METRES, NOTHING, SIGNED_METRES
 from spikelane.report.runs import Lap
+from spikelane.runs.evaluate.summary import laps_by_unit, unit_of, UNITS
 from spikelane.statistics import effective_units, share_statistics, unit_means
-from spikelane.summary import laps_by_unit, unit_of, UNITS
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_controllers.registry import title
 from spikelane_sim.contract import STEP_S

@@ -16,7 +16,7 @@ from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.runs import LeftOut, Runs
 from spikelane.report.tables import all_tables
-from spikelane.run_folder import versions
+from spikelane.runs.folder import versions
 from spikelane_sim.files import FileError, write_json, write_text_atomically, WriteError
 
 PAGE = 'report.html'

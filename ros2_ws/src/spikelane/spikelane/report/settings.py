@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
-from spikelane.input_files import transferred_controller
 from spikelane.report.kinds import LearntFacts
-from spikelane.training import training_defaults
-from spikelane.transfer import source_of
+from spikelane.runs.input_files import transferred_controller
+from spikelane.runs.train.config import training_defaults
+from spikelane.runs.transfer.config import source_of
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.registry import (
     controller_class,

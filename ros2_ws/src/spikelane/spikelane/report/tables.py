@@ -17,8 +17,8 @@ from spikelane.report.quantities import (
     RATE,
 )
 from spikelane.report.runs import Lap, NamedSetting, Runs, TrainingRun, TransferRun
+from spikelane.runs.evaluate.summary import UNITS
 from spikelane.statistics import unit_means
-from spikelane.summary import UNITS
 from spikelane_controllers.registry import cards, title
 
 #: How the units of measures are written.

@@ -1,0 +1,1 @@
+"""Runs: what determines one, the folder it leaves, and a package for each kind."""

@@ -1,0 +1,192 @@
+"""Arguments that several commands share: what determines a run, and where it goes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator
+import contextlib
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+from spikelane.runs.configuration import TRANSPORTS
+from spikelane.runs.lap.run import OnLapProgress
+from spikelane_controllers.registry import controller_class, controller_names, usual_controller
+from spikelane_controllers.weights import shipped_weights
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parsing import parse_yaml, ParseError
+from spikelane_sim.robots.registry import engines, robot_models
+
+_SHOWN_EVERY_STEPS = 100
+_EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
+
+
+def add_configuration_arguments(
+    parser: argparse.ArgumentParser, *, transport: str | None = 'ros', out: str = 'runs/lap-...'
+) -> None:
+    """Declare the arguments that determine a run.
+
+    Args:
+        parser: Parser of the command.
+        transport: The default, None where there is no choice.
+        out: The usual folder, as people are told.
+    """
+    parser.add_argument(
+        '--scenario',
+        default='1',
+        help="the paper's 1, 2 or 3, the path of a course file, or random:SEED (default: 1)",
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
+    if transport is not None:
+        _add_transport_argument(parser, transport)
+    parser.add_argument(
+        '--robot',
+        choices=(*robot_models(), *engines()),
+        help='which robot (default: p3dx); an engine, as for --engine, names no robot',
+    )
+    parser.add_argument(
+        '--engine',
+        choices=tuple(engines()),
+        help='what moves it: physics, or an ideal differential drive (default: pybullet)',
+    )
+    parser.add_argument(
+        '--pixels', choices=('coppelia', 'esim'), help='pixel model (default: coppelia)'
+    )
+    parser.add_argument(
+        '--antialias',
+        action=argparse.BooleanOptionalAction,
+        help="smooth the camera image's edges (default: no)",
+    )
+    add_parameter_arguments(
+        parser, example=f'simulator.camera.fov_deg=90, {usual_controller()}.steering.v_max=2.0'
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help=f'folder for the results, new or empty (default: {out}, numbered)',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) -> None:
+    """Declare `--param`, which `parse_parameters` reads."""
+    parser.add_argument(
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'any other parameter: {example}',
+    )
+
+
+def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        '--transport',
+        default=default,
+        choices=TRANSPORTS,
+        help='as processes of a ROS graph, a lap recorded; or within this process '
+        f'(default: {default})',
+    )
+
+
+def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare which controller drives, and with which weights."""
+    parser.add_argument(
+        '--controller',
+        default=usual_controller(),
+        choices=controller_names(),
+        help=f'what drives (default: {usual_controller()})',
+    )
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training left, or a checkpoint in it; for controllers that learn '
+        '(default: the weights shipped for the scenario, else those for scenario 1)',
+    )
+
+
+def given_weights(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given checkpoint is.
+
+    Raises:
+        ParameterError: The controller has no weights to learn.
+    """
+    if options.checkpoint is None:
+        return {}
+    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
+    if 'checkpoint' not in known:
+        raise ParameterError(
+            f'--checkpoint: expected a controller that learns, got {options.controller}'
+        )
+    # The nodes need not run in this folder.
+    path = str(Path(options.checkpoint).absolute())
+    is_shipped = options.checkpoint in shipped_weights(options.controller)
+    return {f'{options.controller}.checkpoint': options.checkpoint if is_shipped else path}
+
+
+def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters that were given under dotted names.
+
+    Raises:
+        ParameterError: One cannot be read.
+    """
+    flags = {
+        'simulator.robot.model': options.robot,
+        'simulator.robot.engine': options.engine,
+        'simulator.pixels.model': options.pixels,
+        'simulator.camera.antialias': options.antialias,
+    }
+    given = {name: value for name, value in flags.items() if value is not None}
+    return parse_parameters(options.param) | given
+
+
+def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
+    """Return parameters from texts like NAME=VALUE.
+
+    Raises:
+        ParameterError: One cannot be read.
+    """
+    parameters = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ParameterError(f'--param: expected NAME=VALUE, got {text!r}')
+        parameters[name] = _value(name, value)
+    return parameters
+
+
+def _value(name: str, text: str) -> Any:
+    """Return what a text means in YAML, where `1e-3` and the like are numbers too."""
+    try:
+        value = parse_yaml(text)
+    except ParseError as error:
+        raise ParameterError(
+            f'{name}: expected a value as in YAML, got {text!r:.80}: {error}'
+        ) from None
+    # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
+    return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
+
+
+@contextlib.contextmanager
+def progress(is_quiet: bool, unit: str = 'm') -> Iterator[OnLapProgress]:
+    """Give what shows progress to people: on one line of a terminal's standard error.
+
+    It is called with steps and how far they have led, in the unit.
+    """
+    if is_quiet or not sys.stderr.isatty():
+        yield lambda step, progress: None
+        return
+    due = 0
+
+    def show(step: int, progress: float) -> None:
+        nonlocal due
+        if step >= due:
+            due = step + _SHOWN_EVERY_STEPS
+            print(f'\r{step:6d} steps, {progress:5.1f} {unit} ', end='', file=sys.stderr)
+
+    try:
+        yield show
+    finally:
+        print(file=sys.stderr)

@@ -1,0 +1,142 @@
+"""`spikelane evaluate`: laps of each lane with several seeds, measured on the whole."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from spikelane.lock import locked
+from spikelane.runs.arguments import (
+    add_configuration_arguments,
+    add_controller_arguments,
+    given_parameters,
+    given_weights,
+    progress,
+)
+from spikelane.runs.configuration import check_number
+from spikelane.runs.evaluate.config import EvaluateConfig, make_config
+from spikelane.runs.evaluate.run import draw_some_courses, evaluate
+from spikelane.runs.evaluate.summary import UNITS, units_in_words
+from spikelane.runs.folder import RunFolder, RUNS
+
+#: The parameter of each pixel model that is its noise.
+_NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    add_controller_arguments(parser)
+    parser.add_argument(
+        '--seeds', type=int, default=1, help='how many, counted on from --seed (default: 1)'
+    )
+    parser.add_argument(
+        '--laps', type=int, help='laps in a row, of each lane and seed (default: 1)'
+    )
+    parser.add_argument(
+        '--lanes', nargs='+', default=(), metavar='LANE', help='lanes driven (default: all)'
+    )
+    parser.add_argument(
+        '--courses',
+        nargs='+',
+        default=(),
+        metavar='COURSE',
+        help="scenarios or course files driven, where not the scenario's own; random:N for N "
+        'random courses, those of seeds 0 to N - 1; random:FIRST-LAST for those of these seeds',
+    )
+    parser.add_argument(
+        '--latency-ms',
+        type=int,
+        metavar='MS',
+        help='from an observation to its command, a multiple of 50 [ms] (default: 0)',
+    )
+    parser.add_argument(
+        '--event-loss', type=float, metavar='SHARE', help='of events, 0 to 1 (default: 0)'
+    )
+    parser.add_argument(
+        '--noise-hz',
+        type=float,
+        metavar='HZ',
+        help='rate of noise events of each pixel [Hz] (default: 0)',
+    )
+    parser.add_argument(
+        '--resume', action='store_true', help='go on with the evaluation in the folder'
+    )
+    add_configuration_arguments(parser, transport='inprocess', out='runs/evaluate-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Evaluate.
+
+    Returns:
+        0, whether laps were completed or not.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    config = make_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        options.transport,
+        _parameters(options),
+        {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
+    )
+    folder = _folder(config, options)
+    with locked(folder.path):
+        with progress(options.json, '%') as show:
+            metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+        result = {**metrics, 'folder': str(folder.path)}
+        if 'by_course' in metrics['summary']:
+            result['figure'] = str(draw_some_courses(config, folder, metrics))
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0
+
+
+def _parameters(options: argparse.Namespace) -> dict[str, Any]:
+    # A simulator takes 0 laps for a drive without end.
+    check_number('--laps', options.laps, 1, 1_000_000)
+    given = given_parameters(options) | given_weights(options)
+    model = str(given.get('simulator.pixels.model', 'coppelia'))
+    flags = {
+        'simulator.episode.max_laps': options.laps,
+        'simulator.link.latency_ms': options.latency_ms,
+        'simulator.link.event_loss': options.event_loss,
+        f'simulator.pixels.{_NOISE.get(model, _NOISE["coppelia"])}': options.noise_hz,
+    }
+    return given | {name: value for name, value in flags.items() if value is not None}
+
+
+def _folder(config: EvaluateConfig, options: argparse.Namespace) -> RunFolder:
+    if not options.resume:
+        return RunFolder.begin(config, options.out, options.command_line)
+    folder = RunFolder(options.out or RUNS / config.usual_name)
+    folder.check_config(config.to_dict())
+    return folder
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, a line for each lane, and what the intervals are over."""
+    groups = dict(result['summary']['by_lane'])
+    if len(groups) > 1:
+        groups['all'] = result['summary']['all']
+    lines = [_line(name, group) for name, group in groups.items()]
+    if courses := result['summary'].get('courses_completed'):
+        lines.append(
+            f'{"courses":10} all laps completed on {courses["successes"]} of {courses["n"]} '
+            f'(95 %: {courses["ci_low"]:.3f} to {courses["ci_high"]:.3f})'
+        )
+    every = result['summary']['all']
+    lines.append(f'{"intervals":10} over {UNITS[every["unit"]]}: {units_in_words(every)}')
+    return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
+
+
+def _line(name: str, group: dict[str, Any]) -> str:
+    completed, error = group['completed'], group['mean_abs_distance_m']
+    text = f'{name:10} {completed["successes"]} of {completed["n"]} completed'
+    if error is None:
+        return text
+    text += f', mean error {error["mean"]:.4f} m'
+    if error['std'] is None:
+        return text
+    return f'{text} (95 %: {error["ci_low"]:.4f} to {error["ci_high"]:.4f}, s {error["std"]:.4f})'

@@ -1,0 +1,110 @@
+"""What determines an evaluation: which laps are driven."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+from typing import Any, NamedTuple
+
+from spikelane.runs.configuration import Configuration
+from spikelane.runs.lap import config as lap
+from spikelane.runs.lap.config import LapConfig
+from spikelane_sim.course import course_label, load_course, scenario_course
+from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.random_course import expand_courses
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluationParameters(Parameters):
+    """What is driven."""
+
+    seeds: int = parameter(1, 'Seeds, counted on from the first.', low=1, high=1_000_000)
+    lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of a course.')
+    courses: tuple[str, ...] = parameter(
+        (),
+        "Courses driven; none: the scenario's. random:N: N random ones, of seeds 0 to N - 1; "
+        'random:FIRST-LAST: those of these seeds.',
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class EvaluateConfig(Configuration):
+    """Everything that determines an evaluation.
+
+    Attributes:
+        evaluation: What is driven; `seed` is the first seed.
+    """
+
+    evaluation: EvaluationParameters
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'evaluate-{course_label(self.scenario)}-{self.controller}-seed{self.seed}'
+
+    def laps(self) -> Iterator[LapOfEvaluation]:
+        """Yield all laps, seed by seed within a lane, lane by lane within a course.
+
+        A lap counts once, however often its course or lane is named.
+
+        Raises:
+            SpikelaneError: There is no such course, or no such lane on it.
+        """
+        given = [each for name in self.evaluation.courses for each in expand_courses(name)]
+        courses = list(dict.fromkeys(given)) or [self.scenario]
+        for number, scenario in enumerate(courses, 1):
+            course = load_course(scenario_course(scenario))
+            prefix = f'{number:03}-{course_label(scenario)}-' if len(courses) > 1 else ''
+            simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
+            for lane in dict.fromkeys(self.evaluation.lanes or course.lanes):
+                for seed in range(self.seed, self.seed + self.evaluation.seeds):
+                    config = LapConfig(
+                        scenario=scenario,
+                        controller=self.controller,
+                        lane=course.lane(lane).name,
+                        seed=seed,
+                        transport=self.transport,
+                        simulator=simulator,
+                        controller_parameters=self.controller_parameters,
+                    )
+                    length_m = course.lane(lane).length_m
+                    yield LapOfEvaluation(f'{prefix}{lane}-seed{seed}', config, length_m)
+
+
+class LapOfEvaluation(NamedTuple):
+    """One of an evaluation's laps, or several laps in a row."""
+
+    name: str  # of its folder
+    config: LapConfig
+    length_m: float  # of one lap
+
+
+def make_config(
+    scenario: str,
+    controller: str,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+    evaluation: Mapping[str, Any],
+) -> EvaluateConfig:
+    """Make the configuration of an evaluation.
+
+    Args:
+        scenario: As in `configure`; what the controller is for.
+        controller: As in `configure`.
+        seed: The first one.
+        transport: As in `configure`.
+        parameters: As in `lap.make_config`.
+        evaluation: Parameters of `EvaluationParameters`, by name.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    one = lap.make_config(scenario, controller, None, seed, transport, parameters)
+    parts = {field.name: getattr(one, field.name) for field in dataclasses.fields(Configuration)}
+    given = EvaluationParameters.from_mapping(evaluation, 'evaluation')
+    config = EvaluateConfig(evaluation=given, **parts)
+    # This also finds out what cannot be driven before anything is.
+    length_m = max(each.length_m for each in config.laps())
+    limited = lap.limit_drive(config.simulator, parameters, length_m)
+    return dataclasses.replace(config, simulator=limited)

@@ -1,0 +1,1 @@
+"""A lap: one controller drives one lane."""

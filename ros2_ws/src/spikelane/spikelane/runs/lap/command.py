@@ -1,0 +1,67 @@
+"""`spikelane lap`: one controller, one lap; recorded, measured and drawn."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from spikelane.runs.arguments import (
+    add_configuration_arguments,
+    add_controller_arguments,
+    given_parameters,
+    given_weights,
+    progress,
+)
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.run import drive, report_lap
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    add_controller_arguments(parser)
+    parser.add_argument('--lane', help="outer or inner (default: the course's first, outer)")
+    add_configuration_arguments(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Drive the lap.
+
+    Returns:
+        0 where the lap was completed, otherwise 1.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    config = make_config(
+        options.scenario,
+        options.controller,
+        options.lane,
+        options.seed,
+        options.transport,
+        given_parameters(options) | given_weights(options),
+    )
+    folder = RunFolder.begin(config, options.out, options.command_line)
+    with progress(options.json) as show:
+        driven = drive(config, folder, show)
+    result = report_lap(config, driven, folder)
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0 if result['completed'] else 1
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    lap_time_s = result['lap_time_s']
+    ended = f'in {lap_time_s:.2f} s (simulated)' if result['completed'] else result['reason']
+    lines = {
+        'lap completed': f'{"yes" if result["completed"] else "no"}, {ended}',
+        'steps': f'{result["steps"]}, {result["steps_per_s"]:.0f} per second',
+        'mean error': f'{result["mean_abs_distance_m"]:.4f} m from the lane centre',
+        'largest error': f'{result["max_abs_distance_m"]:.4f} m',
+        'mean deviation': f'{result["mean_distance_m"]:+.4f} m (right of the centre +)',
+        'events': f'{result["events"]}',
+        'bag': result['bag'] or 'none (in-process)',
+        'figure': result['figure'],
+    }
+    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())

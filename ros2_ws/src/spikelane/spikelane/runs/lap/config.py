@@ -1,0 +1,93 @@
+"""What determines a lap."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+import dataclasses
+import math
+from typing import Any
+
+from spikelane.runs.configuration import Configuration, configure
+from spikelane_controllers.weights import shipped_weights
+from spikelane_sim.contract import STEP_S
+from spikelane_sim.course import course_label, load_course, scenario_course
+from spikelane_sim.simulator_parameters import SimulatorParameters
+
+#: Ends a drive that makes no progress: less than 0.1 m farther within 30 s.
+NO_PROGRESS_STEPS = 600
+
+
+#: The time limit of a lap is what this speed needs, a seventh of the usual one [m/s].
+SLOWEST_M_S = 0.02
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LapConfig(Configuration):
+    """Everything that determines a lap.
+
+    Attributes:
+        lane: Name of the lane.
+    """
+
+    lane: str
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        scenario = course_label(self.scenario)
+        return f'lap-{scenario}-{self.controller}-{self.lane}-seed{self.seed}'
+
+
+def make_config(
+    scenario: str,
+    controller: str,
+    lane: str | None,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+) -> LapConfig:
+    """Make the configuration of a lap: see `configure`; no lane is the course's first.
+
+    A controller that learns has the weights shipped for the scenario unless others are given.
+    Unless other limits are given, the drive ends where the robot makes no progress, and after the
+    time that the course's longest lane takes at a slow speed (`limit_drive`).
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    given = {**default_weights(scenario, controller), **parameters}
+    parts = configure(scenario, controller, seed, transport, given)
+    course = load_course(parts['simulator'].course)
+    lane = course.lane(lane).name if lane else next(iter(course.lanes))
+    length_m = max(each.length_m for each in course.lanes.values())
+    parts['simulator'] = limit_drive(parts['simulator'], parameters, length_m)
+    return LapConfig(given=parameters, lane=lane, **parts)
+
+
+def limit_drive(
+    simulator: SimulatorParameters, given: Collection[str], length_m: float
+) -> SimulatorParameters:
+    """Return a simulator's parameters with limits that end every drive of some laps.
+
+    Args:
+        simulator: The parameters.
+        given: Names of the parameters that were given: their limits are kept.
+        length_m: Length of one lap.
+    """
+    episode = simulator.episode
+    steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * STEP_S))
+    limits = {'max_steps': min(steps, 2**31 - 1), 'no_progress_steps': NO_PROGRESS_STEPS}
+    missing = {
+        name: value for name, value in limits.items() if f'simulator.episode.{name}' not in given
+    }
+    return dataclasses.replace(simulator, episode=dataclasses.replace(episode, **missing))
+
+
+def default_weights(scenario: str, controller: str) -> dict[str, Any]:
+    """Return the parameter that gives a controller the weights shipped for a scenario, if any.
+
+    Raises:
+        SpikelaneError: There is no such scenario.
+    """
+    name = scenario_course(scenario)
+    return {f'{controller}.checkpoint': name} if name in shipped_weights(controller) else {}

@@ -1,0 +1,1 @@
+"""A lap over ROS."""

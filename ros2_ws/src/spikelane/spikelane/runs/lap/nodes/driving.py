@@ -1,0 +1,207 @@
+"""A lap over ROS: starts the nodes in a domain of their own, drives in lockstep, ends them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+import time
+from typing import Any
+
+import numpy as np
+from spikelane_msgs.srv import Reset
+
+from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
+from spikelane.processes import ProcessError
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.lap.run import DrivenLap, OnLapProgress
+from spikelane.runs.lap.trajectory import Trajectory
+from spikelane.runs.lap.trajectory_bag import read_trajectory
+from spikelane_controllers.registry import card, controller_class
+from spikelane_sim import topic_names
+from spikelane_sim.contract import sensors_of
+
+LAST_ANSWER_S = 5.0
+#: Messages that publishers keep for a recorder; see `recorder_windows`.
+RECORDED_DEPTH = 1000
+_NEXT_EPISODE = -1  # in place of a seed: go on with the one before
+
+#: Recorded in this order; the recorder being matched to the last of a node means to all.
+TOPICS = (
+    topic_names.TF_STATIC,
+    '/robot_description',
+    topic_names.CLOCK,
+    topic_names.TF,
+    f'/{topic_names.ODOMETRY}',
+    f'/{topic_names.LANE_STATE}',
+    f'/{topic_names.LANE_DISTANCE}',
+    topic_names.DIAGNOSTICS,
+    f'/{topic_names.WEIGHTS}',  # of a learnt controller
+    f'/{topic_names.CONTROLLER_STATE}',
+    f'/{topic_names.EVENTS}',
+    f'/{topic_names.WHEELS}',
+)
+
+
+def recorded_topics(controller: str) -> tuple[str, ...]:
+    """Return the topics of a lap that are recorded, with all that its controller is given."""
+    topics: tuple[str, ...] = TOPICS
+    if not card(controller).training:  # only a controller that learns publishes its weights
+        topics = tuple(topic for topic in topics if topic != f'/{topic_names.WEIGHTS}')
+    if 'encoders' not in sensors_of(controller_class(controller)):
+        return topics
+    place = topics.index(f'/{topic_names.LANE_STATE}')
+    return (*topics[:place], f'/{topic_names.JOINT_STATES}', *topics[place:])
+
+
+def drive_lap_over_ros(
+    config: LapConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    viewer: Mapping[str, Any] | None = None,
+) -> DrivenLap:
+    """Drive and record a lap with simulator, controller and recorder as processes.
+
+    Args:
+        config: What to drive.
+        folder: Where bag, logs and node parameters go.
+        show: Called about once a second.
+        viewer: Parameters of a viewer that is to watch; None: there is none.
+
+    Raises:
+        SpikelaneError: A node ended or fell silent, or the recording is not complete.
+    """
+    wall_time_s = _drive(config, folder, show, is_recorded=True, viewer=viewer)
+    trajectory = read_trajectory(folder.bag)
+    _check_complete(trajectory)
+    return DrivenLap(trajectory, wall_time_s, folder.bag)
+
+
+def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
+    """Drive without a recorder, once to warm up and once more for the time.
+
+    In its first steps a process loads compiled kernels and meets its peer's buffers, which takes
+    as long as hundreds of steps.
+
+    Returns:
+        The wall time of the second episode, from its first observation to its last [s].
+
+    Raises:
+        SpikelaneError: A node ended or fell silent.
+    """
+    return _drive(config, folder, lambda step, progress_m: None, is_recorded=False)
+
+
+def _drive(
+    config: LapConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    *,
+    is_recorded: bool,
+    viewer: Mapping[str, Any] | None = None,
+) -> float:
+    nodes = ('recorder',) * is_recorded + ('simulator', config.controller)
+    parameters = node_parameters(config, folder, is_recorded=is_recorded)
+    if viewer is not None:
+        nodes += ('viewer',)
+        add_viewer(parameters, viewer)
+    with running_nodes(nodes, parameters, folder) as (processes, supervisor):
+        wall_time_s = _drive_episode(config, config.seed, supervisor, show)
+        if not is_recorded:
+            wall_time_s = _drive_episode(config, _NEXT_EPISODE, supervisor, show)
+        processes.check()  # what has ended before it was told to may have cut something short
+        # The recorder goes last: what the others sent is on its way to it.
+        processes.stop('simulator', config.controller)
+        processes.stop(*nodes)
+        processes.check_endings()
+    return wall_time_s
+
+
+def node_parameters(
+    config: LapConfig, folder: RunFolder, *, is_recorded: bool
+) -> dict[str, dict[str, Any]]:
+    """Return the parameters of a lap's nodes.
+
+    Simulator and controller wait for each other and the recorder before they publish.
+    """
+    both = {'seed': config.seed, 'wait_for_subscribers': 1 + is_recorded}
+    if is_recorded:
+        both['history_depth'] = RECORDED_DEPTH
+    windows = recorder_windows(is_recorded)
+    return {
+        'simulator': config.simulator.to_dict()
+        | both
+        | windows['simulator']
+        | {'autostart': False},
+        config.controller: config.controller_parameters.to_dict() | both | windows['controller'],
+        'recorder': {
+            'output': str(folder.bag.absolute()),
+            'topics': list(recorded_topics(config.controller)),
+            'custom_data': [
+                f'seed={config.seed}',
+                f'controller={config.controller}',
+                f'scenario={config.scenario}',
+                f'parameters={json.dumps(config.controller_parameters.to_dict())}',
+            ],
+        },
+    }
+
+
+def recorder_windows(is_recorded: bool) -> dict[str, dict[str, int]]:
+    """Return the parameters with which simulator and controller wait for a recorder.
+
+    The simulator's window is the smaller one: it is the one that waits, and says so. Both leave
+    room in the publishers' history for what is sent again and for what is not known yet.
+    """
+    steps = {'simulator': 400, 'controller': 600}
+    return {
+        node: {'recorder_window_steps': width} if is_recorded else {}
+        for node, width in steps.items()
+    }
+
+
+def _drive_episode(
+    config: LapConfig, seed: int, supervisor: Supervisor, show: OnLapProgress
+) -> float:
+    """Drive one episode; return its wall time [s]."""
+    reset = supervisor.node.create_client(Reset, '/simulator/reset')
+    supervisor.wait_for('the simulator', reset.service_is_ready)
+    # The simulator's diagnostics must reach us before the one that says it is over.
+    supervisor.wait_for('diagnostics of the simulator', lambda: bool(supervisor.values))
+    answer = reset.call_async(Reset.Request(lane=config.lane, seed=seed))
+    supervisor.wait_for(f'{config.controller} and the recorder to join', answer.done)
+    if not answer.result().success:
+        supervisor.check_simulator()
+        raise ProcessError(f'reset: {answer.result().message}')
+    start_s = time.monotonic()
+    episode = str(answer.result().episode)
+
+    def is_over(quiet_s: float) -> bool:
+        """Return whether the episode is over and its last observation answered, as it should."""
+        values = supervisor.values
+        is_answered = values.get('answered') == 'True' or quiet_s > LAST_ANSWER_S
+        is_terminated = values.get('terminated') == 'True' and values.get('episode') == episode
+        return is_answered and is_terminated
+
+    def show_progress() -> None:
+        values = supervisor.values
+        show(int(values.get('step', -1)), float(values.get('progress_m', 0.0)))
+
+    supervisor.watch(is_over, show_progress)
+    return time.monotonic() - start_s
+
+
+def _check_complete(trajectory: Trajectory) -> None:
+    observations = int(trajectory.step[-1]) + 1
+    # Nobody waits for the answer to the last one.
+    unanswered = int(np.isnan(trajectory.left_rad_s[:-1]).sum())
+    if len(trajectory) < observations or unanswered:
+        raise ProcessError(
+            f'the recording has {len(trajectory)} of {observations} observations and lacks '
+            f'{unanswered} answers: the machine is too busy'
+        )
+    if not trajectory.reason:
+        raise ProcessError(
+            f'the recording ends after {observations} observations, before the lap did: the '
+            'machine is too busy'
+        )

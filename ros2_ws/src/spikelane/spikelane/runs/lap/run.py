@@ -1,0 +1,118 @@
+"""One lap: driving it in this process or over ROS, and what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+from typing import Any, NamedTuple
+
+from spikelane.loop import drive_episode
+from spikelane.runs.configuration import configured_controller
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.lap.figure import draw_lap
+from spikelane.runs.lap.metrics import lap_metrics
+from spikelane.runs.lap.trajectory import Trajectory, TrajectoryRecorder, write_csv
+from spikelane.runs.transport import over_ros
+from spikelane_controllers.operations import Operations, sum_operations
+from spikelane_controllers.registry import controller_class
+from spikelane_controllers.shown import shown_by
+from spikelane_sim.contract import Observation, sensors_of, STEP_S, WheelVelocities
+from spikelane_sim.course import load_course
+from spikelane_sim.simulator import Simulator
+
+#: Shows how a lap goes on: steps driven, metres along the lane.
+OnLapProgress = Callable[[int, float], None]
+
+
+class DrivenLap(NamedTuple):
+    """What came of driving."""
+
+    trajectory: Trajectory
+    wall_time_s: float  # from the first observation to the last
+    bag: Path | None
+    operations: Operations | None = None  # where they could be counted: in this process
+
+
+def drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
+    """Drive a lap in this process or over ROS, as its configuration says.
+
+    Args:
+        config: What to drive.
+        folder: Where bag, logs and node parameters go, over ROS.
+        show: Called after every step, over ROS about once a second.
+
+    Raises:
+        SpikelaneError: The lap cannot be driven, or its recording is not complete.
+    """
+    if config.transport == 'inprocess':
+        return drive_lap(config, show)
+    driven: DrivenLap = over_ros('lap.nodes.driving', 'drive_lap_over_ros')(config, folder, show)
+    return driven
+
+
+def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
+    """Drive a lap in this process.
+
+    Args:
+        config: What to drive.
+        show: Called after every step.
+    """
+    recorder = TrajectoryRecorder()
+    operations: list[Operations] = []
+    controller = configured_controller(config)
+    sensors = sensors_of(controller_class(config.controller))
+    with Simulator(config.simulator, sensors=sensors) as simulator:
+
+        def on_step(observation: Observation, wheels: WheelVelocities) -> None:
+            recorder.append(observation, simulator.robot_state, wheels)
+            if (done := shown_by(controller).operations) is not None:
+                operations.append(done)
+            if observation.lane is not None:
+                show(observation.lane.step, observation.lane.progress_m)
+
+        start_s = time.perf_counter()
+        drive_episode(
+            simulator,
+            controller,
+            on_step,
+            lane=config.lane,
+            seed=config.seed,
+            controller_seed=config.seed,
+        )
+        wall_time_s = time.perf_counter() - start_s
+    total = sum_operations(operations) if operations else None
+    return DrivenLap(recorder.trajectory(), wall_time_s, None, total)
+
+
+def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[str, Any]:
+    """Write a lap's trajectory, metrics and figure.
+
+    Returns:
+        The metrics and where everything is, ready for JSON.
+    """
+    trajectory = driven.trajectory
+    write_csv(trajectory, folder.trajectory)
+    measured = lap_metrics(trajectory, STEP_S)
+    title = f'{config.controller}, scenario {config.scenario}, {config.lane} lane'
+    figure, *_ = draw_lap(
+        trajectory, load_course(config.simulator.course), folder.figures / 'lap', title
+    )
+    result = {
+        'scenario': config.scenario,
+        'controller': config.controller,
+        'lane': config.lane,
+        'seed': config.seed,
+        'transport': config.transport,
+        'robot': config.simulator.robot.model,
+        'engine': config.simulator.robot.engine,
+        **measured,
+        'operations': None if driven.operations is None else driven.operations._asdict(),
+        'steps_per_s': measured['steps'] / driven.wall_time_s,
+        'folder': str(folder.path),
+        'bag': None if driven.bag is None else str(driven.bag),
+        'figure': str(figure),
+    }
+    folder.write_metrics(result)
+    return result

@@ -1,0 +1,1 @@
+"""A replay: a recorded drive goes through a controller once more."""

@@ -1,0 +1,179 @@
+"""`spikelane replay`: a recorded drive through a controller once more; compared and measured."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from spikelane.bag.drive import RecordedDrive
+from spikelane.runs.arguments import given_weights, parse_parameters, progress
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.replay.config import make_config
+from spikelane.runs.replay.metrics import unmeasured
+from spikelane.runs.replay.run import replay, report_replay
+from spikelane_controllers.registry import controller_class, controller_names
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.parsing import parse_json
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.description = (
+        'Let a controller answer the observations in a bag, open loop, and compare its wheel '
+        'velocities with the recorded ones, step by step; measure how the robot drove from the '
+        'bag alone. The bag may be ours or of ros2 bag record (MCAP or SQLite, compressed or '
+        'not), also of a real event camera of any size: its events are cropped, scaled and '
+        'binned by time into steps of 50 ms.'
+    )
+    parser.add_argument(
+        'bag', type=Path, metavar='BAG', help="a bag's folder, or one of its .mcap or .db3 files"
+    )
+    parser.add_argument(
+        '--controller',
+        choices=controller_names(),
+        help='what answers (default: what drove, where the bag says so)',
+    )
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training left, or a checkpoint in it; for controllers that learn '
+        '(default: what drove had, else the weights shipped for the scenario)',
+    )
+    parser.add_argument(
+        '--scenario',
+        help="the paper's 1, 2 or 3, or the path of a course file; says which shipped weights "
+        "(default: the bag's, else 1)",
+    )
+    parser.add_argument(
+        '--seed', type=int, help="of the controller's randomness (default: the bag's, else 0)"
+    )
+    parser.add_argument(
+        '--events',
+        metavar='TOPIC',
+        help='topic of the event packets (default: /event_camera/events, or the only one)',
+    )
+    parser.add_argument(
+        '--no-lane-state',
+        action='store_true',
+        help='give the controller events alone, as a node with use_lane_state:=false',
+    )
+    parser.add_argument(
+        '--param',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='any other parameter: braitenberg.steering.v_max=2.0, sensor.crop_width=480 '
+        '(default: those of what drove, where the bag has them)',
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='DIR',
+        help='folder for the results, new or empty (default: runs/replay-..., numbered)',
+    )
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay.
+
+    Returns:
+        0, whether the answers agree or not; 1 where nothing could be measured.
+
+    Raises:
+        SpikelaneError: An option is wrong, or the bag cannot be read.
+    """
+    drive = RecordedDrive(options.bag, options.events)
+    said = drive.source.custom_data
+    options.controller = options.controller or drive.controller
+    if options.controller not in controller_names():
+        raise ParameterError(
+            f'--controller: expected one of {", ".join(controller_names())}, as the bag '
+            + (
+                f'says that {options.controller} drove'
+                if options.controller
+                else 'does not say what drove'
+            )
+        )
+    if options.seed is None and 'seed' not in said and drive.has_wheels:
+        drive.notes.append(
+            'the bag does not say the seed of what drove: the answers are compared with those of '
+            'seed 0 (--seed)'
+        )
+    config = make_config(
+        options.bag,
+        options.controller,
+        _recorded_parameters(options, said)
+        | given_weights(options)
+        | parse_parameters(options.param),
+        scenario=options.scenario or _recorded_scenario(said),
+        seed=_seed(said) if options.seed is None else options.seed,
+        events_topic=options.events,
+        use_lane_state=not options.no_lane_state,
+    )
+    folder = RunFolder.begin(config, options.out, options.command_line)
+    with progress(options.json) as show:
+        replayed = replay(config, drive, show)
+    result = report_replay(config, drive, replayed, folder)
+    print(json.dumps(result) if options.json else _summary(result))
+    if failure := unmeasured(replayed.answers, replayed.sensor):
+        print(f'spikelane replay: {options.bag}: {failure}', file=sys.stderr)
+    return 1 if failure else 0
+
+
+def _seed(said: dict[str, str]) -> int:
+    """Return the seed that a bag's facts give, 0 where they give none."""
+    text = said.get('seed', '')
+    return int(text) if text.isdecimal() else 0
+
+
+def _recorded_scenario(said: dict[str, str]) -> str:
+    """Return the paper's scenario that a bag's facts give, 1 where it was driven elsewhere."""
+    text = said.get('scenario', '')
+    return text if text.isdecimal() else '1'
+
+
+def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> dict[str, Any]:
+    """Return the parameters of what drove, where a bag's facts give them and it answers again."""
+    if options.controller != said.get('controller'):
+        return {}
+    try:
+        values = dict(parse_json(said.get('parameters', '{}')))
+    except (TypeError, ValueError):
+        return {}
+    if options.scenario is not None:  # asks for its weights
+        values.pop('checkpoint', None)
+    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
+    return {
+        f'{options.controller}.{name}': value for name, value in values.items() if name in known
+    }
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    lines = {'steps': f'{result["steps"]}, {result["observations"]} observations'}
+    if result['agreement'] is None:
+        lines['agreement'] = 'unknown: the bag has no answers to compare with'
+    else:
+        lines['agreement'] = (
+            f'{result["agreement"]:.4%}, {result["equal"]} of {result["answers"]} answers'
+        )
+        first = result['first_difference']
+        lines['first differing'] = 'none' if first is None else f'observation {first}'
+        largest = result['largest_difference_rad_s']
+        lines['largest'] = 'unknown' if largest is None else f'{largest:.4g} rad/s'
+    if result['mean_abs_distance_m'] is not None:
+        lines['mean error'] = f'{result["mean_abs_distance_m"]:.4f} m from the lane centre'
+        lines['mean deviation'] = f'{result["mean_distance_m"]:+.4f} m (right of the centre +)'
+        lines['episodes'] = str(len(result['episodes']))
+    events = result['events']
+    lines['events'] = f'{events["on"]} on, {events["off"]} off in {result["packets"]} packets'
+    lines['processing'] = (
+        f'{result["processing_s"]:.2f} s for {result["duration_s"]:.2f} s of recording'
+    )
+    lines['figure'] = result['figure'] or 'none'
+    rows = [f'{name:15} {value}' for name, value in lines.items()]
+    return '\n'.join(rows + [f'note            {note}' for note in result['notes']])

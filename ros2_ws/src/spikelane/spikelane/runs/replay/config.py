@@ -1,0 +1,110 @@
+"""What determines a replay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from spikelane.runs.configuration import (
+    check_seed,
+    configured_controller,
+    parameter_groups,
+    RunConfig,
+)
+from spikelane.runs.lap.config import default_weights
+from spikelane_controllers.registry import controller_class
+from spikelane_sim.binning import SensorParameters
+from spikelane_sim.contract import (
+    sensors_of,
+)
+from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.parameters import Parameters
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReplayConfig(RunConfig):
+    """What determines a replay.
+
+    Attributes:
+        bag: Folder or file.
+        events_topic: Where the events are from; None for the usual topic.
+        controller: Name in the controllers' registry.
+        scenario: Whose shipped weights a controller has that learns.
+        seed: Seed of the controller's randomness.
+        use_lane_state: Whether the controller is given lane states, and reset by them.
+        controller_parameters: Parameters of the controller's own class.
+        sensor: How event packets become steps.
+    """
+
+    bag: Path
+    events_topic: str | None
+    controller: str
+    scenario: str
+    seed: int
+    use_lane_state: bool
+    controller_parameters: Parameters
+    sensor: SensorParameters
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'replay-{self.controller}-seed{self.seed}'
+
+    def check(self) -> None:
+        """Make sure that there is what answers.
+
+        Raises:
+            SpikelaneError: The controller cannot be made.
+        """
+        configured_controller(self)
+
+
+def make_config(
+    bag: Path,
+    controller: str,
+    parameters: Mapping[str, Any],
+    *,
+    scenario: str = '1',
+    seed: int = 0,
+    events_topic: str | None = None,
+    use_lane_state: bool = True,
+) -> ReplayConfig:
+    """Make the configuration of a replay.
+
+    Args:
+        bag: Folder or file.
+        controller: Name in the controllers' registry.
+        parameters: Others than the defaults, as `braitenberg.poisson.max_rate_hz` and
+            `sensor.crop_left`.
+        scenario: Whose shipped weights a controller has that learns.
+        seed: Seed of the controller's randomness.
+        events_topic: Where the events are from; None for the usual topic.
+        use_lane_state: Whether the controller is given lane states.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    load_course(scenario_course(scenario))  # refuses one that is not there
+    cls = controller_class(controller).parameters_class
+    groups = parameter_groups(
+        {**default_weights(scenario, controller), **parameters}, {controller: {}, 'sensor': {}}
+    )
+    check_seed(seed)
+    return ReplayConfig(
+        given=parameters,
+        bag=Path(bag),
+        events_topic=events_topic,
+        controller=controller,
+        scenario=scenario,
+        seed=seed,
+        use_lane_state=use_lane_state,
+        controller_parameters=cls.from_mapping(groups[controller], controller),
+        sensor=SensorParameters.from_mapping(groups['sensor'], 'sensor'),
+    )
+
+
+def uses_encoders(config: ReplayConfig) -> bool:
+    """Return whether the controller uses wheel encoders."""
+    return 'encoders' in sensors_of(controller_class(config.controller))

@@ -1,0 +1,1 @@
+"""A replay over ROS."""

@@ -1,0 +1,1 @@
+"""A training: a controller learns by driving."""

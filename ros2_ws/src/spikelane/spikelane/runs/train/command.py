@@ -1,0 +1,122 @@
+"""`spikelane train`: a controller learns by driving."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+from spikelane.lock import locked
+from spikelane.requirements import require
+from spikelane.runs.arguments import add_configuration_arguments, given_parameters, progress
+from spikelane.runs.folder import RunFolder, RUNS
+from spikelane.runs.train.config import make_config, TrainConfig
+from spikelane.runs.train.run import report_training, train
+from spikelane_controllers.learning.results import FinishedRun
+from spikelane_controllers.registry import (
+    training_card,
+    training_class,
+    training_names,
+    training_results,
+)
+from spikelane_sim.errors import CheckpointChoiceError, ParameterError
+
+
+def _usual_steps() -> str:
+    """Return what --steps are and how many are usual, in words."""
+    each = '; '.join(
+        f'{name}: {training_results(name).step_words}, '
+        f'default {training_class(name).parameters_class.steps}'
+        for name in training_names()
+    )
+    return f'steps to drive; what a step is depends on the controller ({each})'
+
+
+def _devices() -> str:
+    """Return the names of the controllers that take --device."""
+    return ', '.join(name for name in training_names() if training_card(name).device)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    parser.add_argument('controller', choices=training_names(), help='what learns')
+    parser.add_argument('--steps', type=int, help=_usual_steps())
+    parser.add_argument(
+        '--device',
+        choices=('cpu', 'cuda'),
+        help=f'where it learns; for {_devices()} (default: cpu)',
+    )
+    parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='go on with the training in the folder, stopped or done',
+    )
+    add_configuration_arguments(parser, transport='inprocess', out='runs/train-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train.
+
+    Returns:
+        0.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    require([training_card(options.controller).requires])
+    config = make_config(
+        options.scenario,
+        options.controller,
+        options.seed,
+        options.transport,
+        given_parameters(options) | _device(options),
+        options.steps,
+    )
+    folder = _folder(config, options)
+    with locked(folder.path):
+        start_s = time.monotonic()
+        with progress(options.json) as show:
+            train(config, folder, show, resume=options.resume)
+        if options.resume:  # perhaps for more steps than before
+            folder.write_config(config, options.command_line)
+        wall_time_s = None if options.resume else time.monotonic() - start_s
+        result = report_training(config, folder, wall_time_s)
+    print(json.dumps(result) if options.json else _summary(config, folder, result))
+    return 0
+
+
+def _device(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameter that a given device is."""
+    if options.device is None:
+        return {}
+    parameter = training_card(options.controller).device
+    if not parameter:
+        raise ParameterError(
+            f'--device: expected a controller that can choose one ({_devices()}), '
+            f'got {options.controller}'
+        )
+    return {f'{options.controller}.{parameter}': options.device}
+
+
+def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
+    if not options.resume:
+        return RunFolder.begin(config, options.out, options.command_line)
+    folder = RunFolder(options.out or RUNS / config.usual_name)
+    if not folder.checkpoint.exists():
+        raise CheckpointChoiceError(f'{folder.checkpoint}: expected a checkpoint, got none')
+    return folder
+
+
+def _summary(config: TrainConfig, folder: RunFolder, result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    run = FinishedRun(config.controller, folder.path, config.to_dict(), result)
+    lines = {
+        'steps': f'{result["steps"]}',
+        'lane lost': f'{result["lane_losses"]} times, the last at step '
+        f'{result["last_lane_loss_step"]}{"" if result["settled"] else " (not settled)"}',
+        **training_results(config.controller)(run).summary(),
+        'checkpoint': result['checkpoint'],
+        'figures': ', '.join(result['figures']),
+    }
+    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())

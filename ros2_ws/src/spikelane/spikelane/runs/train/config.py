@@ -1,0 +1,128 @@
+"""What determines a training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from typing import Any, cast
+
+from spikelane.runs.configuration import Configuration, configure, configured_controller
+from spikelane_controllers.learning.learning_controller import (
+    check_can_learn,
+    check_learning_parameters,
+    LearningController,
+)
+from spikelane_controllers.learning.training import TrainingParameters
+from spikelane_controllers.registry import (
+    controller_class,
+    training_card,
+    training_class,
+)
+from spikelane_sim.course import course_label
+from spikelane_sim.errors import ParameterError
+
+#: What the names of the simulator's parameters begin with.
+_SIMULATOR = 'simulator.'
+
+
+#: What those of the training begin with.
+_TRAINING = 'training.'
+
+
+_STEPS = 'training.steps'
+
+
+def training_defaults(controller: str) -> Mapping[str, Any]:
+    """Return the parameters whose defaults are different in a training.
+
+    Raises:
+        ParameterError: No controller that learns by driving has this name.
+    """
+    given = training_card(controller).defaults.items()
+    return {
+        **{
+            name if name.startswith(_SIMULATOR) else f'{controller}.{name}': v for name, v in given
+        },
+        f'{controller}.learning': True,
+        f'{controller}.checkpoint': '',
+    }
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrainConfig(Configuration):
+    """Everything that determines a training.
+
+    Attributes:
+        training: How long it takes and how often it is saved.
+    """
+
+    training: TrainingParameters
+
+    @property
+    def usual_name(self) -> str:
+        """As in `run_folder.Run`."""
+        return f'train-{self.controller}-{course_label(self.scenario)}-seed{self.seed}'
+
+    def check(self) -> None:
+        """Make sure that there is what learns.
+
+        Raises:
+            SpikelaneError: The controller cannot be made or trained, or its node not be started.
+        """
+        super().check()
+        learning_controller(self)
+
+
+def make_config(
+    scenario: str,
+    controller: str,
+    seed: int,
+    transport: str,
+    parameters: Mapping[str, Any],
+    steps: int | None = None,
+) -> TrainConfig:
+    """Make the configuration of a training: see `configure`.
+
+    Args:
+        scenario: As in Configuration.
+        controller: As in Configuration, one that learns.
+        seed: As in Configuration.
+        transport: As in Configuration.
+        parameters: Others than the defaults of training; those of its length and its checkpoints
+            are in the group `training`.
+        steps: Value of `training.steps`; None for as many as usual, or as in the parameters.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    cls = training_class(controller).parameters_class
+    known = controller_class(controller).parameters_class.specs()
+    check_learning_parameters(controller, {spec.name: spec for spec in known})
+    if steps is not None and _STEPS in parameters:
+        raise ParameterError(f'{_STEPS}: expected either --steps or the parameter, got both')
+    given = {
+        **training_defaults(controller),
+        **parameters,
+        **({} if steps is None else {_STEPS: steps}),
+    }
+    own = {
+        name.removeprefix(_TRAINING): value
+        for name, value in given.items()
+        if name.startswith(_TRAINING)
+    }
+    return TrainConfig(
+        given={**parameters, **({} if steps is None else {_STEPS: steps})},
+        training=cls.from_mapping(own, 'training'),
+        **configure(scenario, controller, seed, transport, given, ('training',)),
+    )
+
+
+def learning_controller(config: TrainConfig) -> LearningController:
+    """Make the controller of a training.
+
+    Raises:
+        SpikelaneError: It cannot be made, or not learn.
+    """
+    controller = configured_controller(config)
+    check_can_learn(config.controller, controller)
+    return cast(LearningController, controller)

@@ -1,0 +1,86 @@
+"""Training over ROS: simulator and learning controller as processes, in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
+from spikelane.processes import ProcessError
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.run import OnLapProgress
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import make_training
+from spikelane_controllers.learning.training import Training
+
+_END_S = 10.0  # for a node to end by itself, once it has nothing more to do
+
+
+def train_over_ros(
+    config: TrainConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    *,
+    resume: bool,
+    viewer: Mapping[str, Any] | None = None,
+) -> Training:
+    """Train with simulator and controller as processes.
+
+    Args:
+        config: What to train.
+        folder: Where checkpoints, logs and node parameters go.
+        show: Called about once a second.
+        resume: Whether to go on from the folder's checkpoint.
+        viewer: Parameters of a viewer that is to watch; None: there is none.
+
+    Returns:
+        The training as its last checkpoint has it.
+
+    Raises:
+        SpikelaneError: There is no checkpoint to resume from, a node failed, or the training
+            ended before all steps were driven.
+    """
+    # Whether this can be begun or resumed is found out here, before anything is started.
+    begun = make_training(config, folder, resume=resume)
+    if begun.is_done:
+        return begun
+    nodes: tuple[str, ...] = ('simulator', config.controller)
+    parameters = node_parameters(config, folder)
+    if viewer is not None:
+        nodes += ('viewer',)
+        add_viewer(parameters, viewer)
+    with running_nodes(nodes, parameters, folder) as (processes, supervisor):
+
+        def show_progress() -> None:
+            values = supervisor.values
+            show(
+                begun.steps_after(int(values.get('steps', 0))),
+                float(values.get('progress_m', 0.0)),
+            )
+
+        supervisor.watch(
+            lambda quiet_s: processes.statuses()[config.controller] is not None,
+            show_progress,
+            may_end=(config.controller,),
+            start_s=START_DEADLINE_S,
+        )
+        if processes.statuses()[config.controller]:
+            supervisor.check_simulator(may_end=(config.controller,))
+        processes.wait(config.controller, _END_S)
+    done = make_training(config, folder, resume=True)
+    if not done.is_done:
+        raise ProcessError(
+            f'{config.controller} ended after {done.steps} of {config.training.steps} steps; '
+            '--resume goes on'
+        )
+    return done
+
+
+def node_parameters(config: TrainConfig, folder: RunFolder) -> dict[str, dict[str, Any]]:
+    """Return the parameters of a training's nodes, which wait for each other."""
+    both = {'seed': config.seed, 'wait_for_subscribers': 1}
+    learning = {**config.training.to_dict(), 'output': str(folder.path.absolute()), 'resume': True}
+    return {
+        'simulator': config.simulator.to_dict() | both | {'autostart': False},
+        config.controller: config.controller_parameters.to_dict() | both | learning,
+    }

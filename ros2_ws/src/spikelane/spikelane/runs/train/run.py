@@ -1,0 +1,149 @@
+"""Training a controller, in this process or over ROS, and what it leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+from pathlib import Path
+import time
+from typing import Any
+
+from spikelane.interruption import check
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.lap.run import OnLapProgress
+from spikelane.runs.train.config import learning_controller, TrainConfig
+from spikelane.runs.transport import over_ros
+from spikelane_controllers.learning.results import (
+    FinishedRun,
+    NothingToDrawError,
+    TrainingResults,
+)
+from spikelane_controllers.learning.scalar_log import LOG_FOLDER, ScalarLog
+from spikelane_controllers.learning.training import Termination, Training
+from spikelane_controllers.registry import (
+    controller_class,
+    title,
+    training_class,
+    training_results,
+)
+from spikelane_sim.contract import controller_rng, sensors_of
+from spikelane_sim.files import write_text_atomically
+from spikelane_sim.simulator import Simulator
+
+
+def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
+    """Make the controller in training, new or as its last checkpoint left it.
+
+    Raises:
+        SpikelaneError: There is no checkpoint to resume from, or of another training.
+    """
+    training = training_class(config.controller)(
+        config.controller,
+        learning_controller(config),
+        config.training,
+        _identity(config),
+        folder.checkpoint,
+    )
+    if resume:
+        training.resume()
+    else:
+        training.begin(config.seed)
+    return training
+
+
+def train(
+    config: TrainConfig, folder: RunFolder, show: OnLapProgress, *, resume: bool
+) -> Training:
+    """Train in this process or over ROS, as the configuration says.
+
+    Args:
+        config: What to train.
+        folder: Where checkpoints go.
+        show: Called after every step, over ROS about once a second.
+        resume: Whether to go on from the folder's checkpoint.
+
+    Raises:
+        SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
+        Interrupted: A signal has come; the training can be resumed from its last checkpoint.
+    """
+    if config.transport == 'ros':
+        trained: Training = over_ros('train.nodes.training', 'train_over_ros')(
+            config, folder, show, resume=resume
+        )
+        return trained
+    training = make_training(config, folder, resume=resume)
+    ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    sensors = sensors_of(controller_class(config.controller))
+    with Simulator(config.simulator, sensors=sensors) as simulator:
+        lane, episode = training.start
+        observation = simulator.reset(lane, config.seed, episode=episode)
+        while not training.is_done:
+            state = observation.lane
+            assert state is not None  # a simulator always knows it
+            if state.step == 0:
+                training.reset(controller_rng(config.seed, state.episode))
+            wheels = training.step(observation)
+            show(training.steps, state.progress_m)
+            check()
+            observation = simulator.reset() if state.terminated else simulator.step(wheels)
+    return training
+
+
+def report_training(
+    config: TrainConfig, folder: RunFolder, wall_time_s: float | None
+) -> dict[str, Any]:
+    """Write the episodes, metrics and figures of a training that has just ended.
+
+    Returns:
+        The metrics and where everything is, ready for JSON.
+    """
+    run = FinishedRun(config.controller, folder.path, config.to_dict(), {})
+    results = training_results(config.controller)(run)
+    _write_episodes(results.terminations, results.episode_columns(), folder.episodes)
+    name = f'{title(config.controller)}, scenario {config.scenario}, seed {config.seed}'
+    result = {
+        'scenario': config.scenario,
+        'controller': config.controller,
+        'seed': config.seed,
+        'transport': config.transport,
+        'robot': config.simulator.robot.model,
+        'engine': config.simulator.robot.engine,
+        'pixels': config.simulator.pixels.model,
+        'antialias': config.simulator.camera.antialias,
+        **results.metrics(),
+        'wall_time_s': wall_time_s,
+        'folder': str(folder.path),
+        'checkpoint': str(folder.checkpoint),
+        'figures': [str(file) for file in _draw(results, folder.figures, name)],
+    }
+    folder.write_metrics(result)
+    return result
+
+
+def _draw(results: TrainingResults, folder: Path, name: str) -> list[Path]:
+    """Draw what there is to be drawn."""
+    files: list[Path] = []
+    for figure in results.figures():
+        with contextlib.suppress(NothingToDrawError):
+            files.extend(figure.draw(folder / figure.name, name))
+    return files
+
+
+def _identity(config: TrainConfig) -> dict[str, Any]:
+    """Return what must be the same to go on with a training: all but where and how long."""
+    values = config.to_dict()
+    del values['transport'], values['training']
+    return {**values, 'save_every': config.training.save_every}
+
+
+def _write_episodes(
+    terminations: list[Termination], columns: list[dict[str, Any]], path: Path
+) -> None:
+    names = [*Termination._fields, *(columns[0] if columns else ())]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(names)
+    for termination, others in zip(terminations, columns, strict=True):
+        writer.writerow([*termination, *others.values()])
+    write_text_atomically(path, text.getvalue())

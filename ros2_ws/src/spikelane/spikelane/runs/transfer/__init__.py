@@ -1,0 +1,1 @@
+"""A transfer: a controller takes over what another one has learnt."""

@@ -1,0 +1,116 @@
+"""`spikelane transfer`: the policy of a trained Q-network for a spiking network."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+import json
+import sys
+from typing import Any
+
+from spikelane.requirements import require
+from spikelane.runs.arguments import add_configuration_arguments, given_parameters
+from spikelane.runs.folder import RunFolder
+from spikelane.runs.transfer.config import make_config
+from spikelane.runs.transfer.run import report_transfer, transfer
+from spikelane_controllers.learning.gathering import GatheringParameters
+from spikelane_controllers.learning.transfer import OnStageProgress
+from spikelane_controllers.registry import transfer_card, transfer_names
+
+_SHOWN_TIMES = 200  # of each stage
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command line."""
+    names = transfer_names()
+    parser.add_argument(
+        '--controller',
+        choices=names,
+        default=names[0],
+        help=f'what takes over what another controller has learnt (default: {names[0]})',
+    )
+    parser.add_argument(
+        '--checkpoint',
+        metavar='DIR',
+        help='folder that a training of that one left, or a checkpoint in it '
+        '(default: the weights shipped for the scenario)',
+    )
+    parser.add_argument(
+        '--states',
+        type=int,
+        help='states to gather by driving with the trained policy '
+        f'(default: {GatheringParameters.states})',
+    )
+    parser.add_argument(
+        '--steps',
+        type=int,
+        help='steps to train the network for (default: as many as usual)',
+    )
+    parser.add_argument(
+        '--from-training',
+        action=argparse.BooleanOptionalAction,
+        help='use the states met in that training too (default: where they are in the '
+        "checkpoint's folder)",
+    )
+    add_configuration_arguments(parser, transport=None, out='runs/transfer-...')
+
+
+def run(options: argparse.Namespace) -> int:
+    """Transfer.
+
+    Returns:
+        0.
+
+    Raises:
+        SpikelaneError: An option is wrong, or something failed.
+    """
+    require([transfer_card(options.controller).requires])
+    counts = {'gathering.states': options.states, 'transfer.steps': options.steps}
+    config = make_config(
+        options.controller,
+        options.scenario,
+        options.checkpoint,
+        options.seed,
+        {name: count for name, count in counts.items() if count is not None}
+        | given_parameters(options),
+        options.from_training,
+    )
+    folder = RunFolder.begin(config, options.out, options.command_line)
+    with _progress(options.json) as show:
+        done = transfer(config, show)
+    result = report_transfer(config, done, folder)
+    print(json.dumps(result) if options.json else _summary(result))
+    return 0
+
+
+@contextlib.contextmanager
+def _progress(is_quiet: bool) -> Iterator[OnStageProgress]:
+    """Give what shows progress to people: on one line of a terminal's standard error."""
+    if is_quiet or not sys.stderr.isatty():
+        yield lambda what, done, of: None
+        return
+
+    def show(what: str, done: int, of: int) -> None:
+        if done % max(of // _SHOWN_TIMES, 1) == 0 or done == of:
+            end = '\n' if done == of else ''
+            print(f'\r{done:7d} of {of} {what} ', end=end, file=sys.stderr)
+
+    yield show
+
+
+def _summary(result: dict[str, Any]) -> str:
+    """Return the results for people, one line each."""
+    paper = result['paper_accuracy']
+    beside = '' if paper is None else f' (paper: {paper:.2%})'
+    parts = ', '.join(f'{number} {name}' for name, number in result['states_from'].items())
+    shares = ', '.join(f'{share:.0%} {name}' for name, share in result['class_shares'].items())
+    lines = {
+        'accuracy': f'{result["accuracy"]:.2%} of {result["held_out_states"]} states held '
+        f'out{beside}',
+        'states': f'{result["states"]}: {parts}',
+        'actions': shares,
+        'checkpoint': result['checkpoint'],
+        'figures': ', '.join(result['figures']),
+    }
+    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
