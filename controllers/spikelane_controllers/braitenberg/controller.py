@@ -28,24 +28,18 @@ from spikelane_controllers.spiking.poisson import (
 from spikelane_controllers.spiking.spikes import spike_counts
 from spikelane_controllers.spiking.steering import (
     initial_steering,
+    MOTOR_NEURONS,
     steer,
     SteeringParameters,
+)
+from spikelane_controllers.spiking.weights_by_hand import (
+    LEFT_WEIGHTS_PA,
+    mirrored,
 )
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import nested, parameter, Parameters
-
-_FIGURE = 'figure "Scenario 1: Braitenberg network weights"'
-
-# fmt: off
-_LEFT_WEIGHTS_PA = (
-    250.0,  250.0,  250.0,  500.0,
-    250.0,  250.0,  500.0,  1000.0,
-    250.0,  500.0,  1000.0, 1500.0,
-    500.0,  1000.0, 1500.0, 2000.0,
-)
-# fmt: on
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -85,12 +79,12 @@ class BraitenbergParameters(Parameters):
     """The Braitenberg controller."""
 
     weights_pa: tuple[float, ...] = parameter(
-        _LEFT_WEIGHTS_PA,
+        LEFT_WEIGHTS_PA,
         "Weights from the image's left half to the left neuron, by rows; the right is its mirror.",
         unit='pA',
         low=-1e6,
         high=1e6,
-        source=_FIGURE,
+        source='figure "Scenario 1: Braitenberg network weights"',
     )
     lowest_rows: int = parameter(
         1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1, high=2048
@@ -123,11 +117,7 @@ def braitenberg_weights(parameters: BraitenbergParameters) -> NDArray[np.float64
 
     They include those of rows above the lowest ones, which have no effect.
     """
-    rows, columns = parameters.encoding.rows, parameters.encoding.columns
-    half = np.reshape(parameters.weights_pa, (rows, columns // 2))
-    none = np.zeros_like(half)
-    left = np.hstack([half, none])
-    return np.stack([left.ravel(), left[:, ::-1].ravel()])
+    return mirrored(parameters.weights_pa, parameters.encoding.rows)
 
 
 class Braitenberg:
@@ -141,7 +131,7 @@ class Braitenberg:
     """
 
     parameters_class: ClassVar[type[BraitenbergParameters]] = BraitenbergParameters
-    neurons: ClassVar[tuple[str, ...]] = ('left', 'right')
+    neurons: ClassVar[tuple[str, ...]] = MOTOR_NEURONS
 
     def __init__(self, parameters: BraitenbergParameters | None = None) -> None:
         self.parameters = parameters or BraitenbergParameters()

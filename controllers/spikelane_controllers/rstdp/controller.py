@@ -51,6 +51,7 @@ from spikelane_controllers.spiking.poisson import (
 from spikelane_controllers.spiking.spikes import GRID_MS, spike_counts
 from spikelane_controllers.spiking.steering import (
     initial_steering,
+    MOTOR_NEURONS,
     steer,
     SteeringParameters,
 )
@@ -149,7 +150,7 @@ class RStdp:
     """
 
     parameters_class: ClassVar[type[RStdpParameters]] = RStdpParameters
-    neurons: ClassVar[tuple[str, ...]] = ('left', 'right')
+    neurons: ClassVar[tuple[str, ...]] = MOTOR_NEURONS
 
     def __init__(self, parameters: RStdpParameters | None = None) -> None:
         """Make a controller at rest.

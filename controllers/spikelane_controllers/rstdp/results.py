@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.braitenberg.correlation import weights_correlation
 from spikelane_controllers.learning.results import Figure, TrainingResults
 from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
+from spikelane_controllers.spiking.weights_by_hand import weights_correlation
 from spikelane_sim.encoding import EncodingParameters
 
 

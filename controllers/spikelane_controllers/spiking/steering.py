@@ -21,6 +21,9 @@ from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 
+#: Names of the two motor neurons, in the order of spikes and rows of weights.
+MOTOR_NEURONS = ('left', 'right')
+
 _TABLE = 'table "Simulation parameters specification"'
 
 

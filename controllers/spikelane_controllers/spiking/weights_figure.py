@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.learning.training import Termination
+from spikelane_controllers.spiking.steering import MOTOR_NEURONS
 from spikelane_sim import figure_style as style
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.encoding import EncodingParameters
@@ -54,7 +55,6 @@ class WeightHistory(Protocol):
 
 _SIZE_IN = (10.6, 5.6)
 _COLUMNS = ((0.065, 0.39), (0.51, 0.39))  # of the figure: left edge and width
-_NEURONS = ('left', 'right')
 _COLOURS = 'BuPu'
 _DARK = 0.5  # of the colour scale: from here on, numbers are written in white
 _MOST_VALUES = 64  # cells of an image up to which their numbers can be read
@@ -89,9 +89,9 @@ def draw_weights(
         SpikelaneError: The weights are not those of two neurons and these cells, or the path has
             another ending, or it cannot be written.
     """
-    shape = (len(_NEURONS), encoding.rows, encoding.columns)
+    shape = (len(MOTOR_NEURONS), encoding.rows, encoding.columns)
     steps, history = _weights_over_steps(training)
-    if history[0].size != math.prod(shape) or len(history[0]) != len(_NEURONS):
+    if history[0].size != math.prod(shape) or len(history[0]) != len(MOTOR_NEURONS):
         raise SpikelaneError(
             f'weights: expected those of 2 neurons and {shape[1]} x {shape[2]} inputs, '
             f'got {" x ".join(map(str, history[0].shape))}'
@@ -126,7 +126,7 @@ def draw_fixed_weights(
     Raises:
         SpikelaneError: The path has another ending, or it cannot be written.
     """
-    images = weights_pa.reshape(len(_NEURONS), encoding.rows, encoding.columns)
+    images = weights_pa.reshape(len(MOTOR_NEURONS), encoding.rows, encoding.columns)
     with style.settings():
         figure = style.new_figure(_SIZE_IN[0], 0.55 * _SIZE_IN[1])
         style.write_title(figure, title, 'set by hand')
@@ -156,7 +156,7 @@ def _draw_images(
 ) -> None:
     """Draw the weights of each neuron as an image of their inputs' cells, on one scale."""
     largest_pa = _round_up(float(images.max()))
-    for name, image, (left, width) in zip(_NEURONS, images, _COLUMNS, strict=True):
+    for name, image, (left, width) in zip(MOTOR_NEURONS, images, _COLUMNS, strict=True):
         axes = figure.add_axes((left, bottom, width, height))
         axes.set_title(f'{name} motor neuron', fontsize=style.NORMAL_PT, weight='bold')
         shown = _draw_image(axes, image, largest_pa)

@@ -18,7 +18,7 @@ OWN = ('braitenberg', 'dqn', 'dqn_snn', 'rstdp')
 _PRODUCT = ROOT / 'ros2_ws/src/spikelane/spikelane'
 BENCH = {_PRODUCT / 'bench', _PRODUCT / 'commands/bench.py'}
 _NAME = re.compile(rf'({"|".join(OWN)})([.,].*)?')
-_MODULE = re.compile(rf'spikelane_controllers\.({"|".join(OWN)})(\.|$)')
+_MODULE = re.compile(rf'spikelane_controllers\.({"|".join(OWN)})(?:\.|$)')
 
 
 def modules() -> list[Path]:
@@ -54,6 +54,20 @@ def test_the_controllers_are_those_that_have_a_folder() -> None:
 def test_no_other_module_names_a_controller(path: Path) -> None:
     """Not by a text, nor by an import."""
     assert list(named_in(path)) == []
+
+
+@pytest.mark.parametrize('name', OWN)
+def test_a_controller_imports_none_but_the_one_whose_policy_it_takes_over(name: str) -> None:
+    """What two controllers share is in `spiking` or `learning`."""
+    transfer = card(name).transfer
+    allowed = {name, transfer.source} if transfer else {name}
+    imported = {
+        found[1]
+        for path in (CONTROLLERS / name).rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text('utf-8')))
+        if isinstance(node, ast.ImportFrom) and (found := _MODULE.match(node.module or ''))
+    }
+    assert imported <= allowed
 
 
 def test_a_name_is_found(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from spikelane_controllers.braitenberg.correlation import weights_correlation
 from spikelane_controllers.learning.learning_controller import LearningController
 from spikelane_controllers.learning.terminations_figure import draw_terminations
 from spikelane_controllers.learning.training import (
@@ -17,6 +16,7 @@ from spikelane_controllers.learning.training import (
     TrainingParameters,
 )
 from spikelane_controllers.rstdp.training import PlasticTraining
+from spikelane_controllers.spiking.weights_by_hand import weights_correlation
 from spikelane_controllers.spiking.weights_figure import draw_weights
 from spikelane_sim import figure_style as style
 from spikelane_sim.course import load_course
