@@ -27,6 +27,7 @@ CARD = ControllerCard(
     weight_arrays=tuple(
         f'controller.{network}.{layer}' for network in ('network', 'target') for layer in _LAYERS
     ),
+    figures='spikelane_controllers.dqn.figures:figures',
     paper=PaperCard(
         order=0,
         laps=('1', '2'),

@@ -140,7 +140,8 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
     names = {Path(file).name for file in report['figures']}
     both = {
         'scenarios',
-        'rewards',
+        'dqn_reward',
+        'rstdp_reward',
         'state_input',
         'dqn_scenario_1_robot_engine_kinematic_episodes',
         'dqn_scenario_1_robot_engine_kinematic_state_images',
@@ -292,7 +293,7 @@ def test_a_browser_shows_it_on_a_phone(
         found = page.evaluate(PROBE)
         browser.close()
     assert found['width'] <= found['inner'] <= 390
-    assert (found['broken'], found['images']) == (0, 14)
+    assert (found['broken'], found['images']) == (0, 15)
     assert found['loaded'] == []
     assert (found['dark'], found['paper']) == (scheme == 'dark', paper)
     cells = [cell for table in report['tables'] for row in table['rows'] for cell in row]
