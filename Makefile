@@ -19,7 +19,7 @@ test:
 	@source setup/env.sh; status=0; \
 	ruff check . || status=1; \
 	ruff format --check . || status=1; \
-	mypy $(CORE) || status=1; \
+	mypy $(CORE) benches/spikelane_benches || status=1; \
 	mypy --no-explicit-package-bases setup/bootstrap.py || status=1; \
 	mypy ros2_ws/src/spikelane/launch || status=1; \
 	python -m pytest || status=1; \

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import pybullet
 import pytest
 
-from spikelane.bench.renderer import compare_renderers, random_poses
+from spikelane_benches.renderer import compare_renderers, random_poses
 from spikelane_sim.camera import Camera, CameraParameters
 from spikelane_sim.course import Course, load_course
 from spikelane_sim.errors import ParameterError, SpikelaneError

@@ -27,7 +27,7 @@ from std_msgs.msg import Float64, String, UInt8MultiArray
 
 from spikelane.bag.reader import BagReader
 from spikelane.bag.repair import repair_bag
-from spikelane.bench.recorder import measure_recorder
+from spikelane_benches.recorder import measure_recorder
 from spikelane_sim.errors import BagError
 
 pytestmark = pytest.mark.ros

@@ -14,9 +14,6 @@ from spikelane_controllers.registry import card, cards, controller_names, usual_
 ROOT = Path(__file__).parents[3]
 CONTROLLERS = ROOT / 'controllers/spikelane_controllers'
 OWN = ('braitenberg', 'dqn', 'dqn_snn', 'rstdp')
-#: Benchmarks measure fixed cases, which are of these controllers.
-_PRODUCT = ROOT / 'ros2_ws/src/spikelane/spikelane'
-BENCH = {_PRODUCT / 'bench', _PRODUCT / 'commands/bench.py'}
 _NAME = re.compile(rf'({"|".join(OWN)})([.,].*)?')
 _MODULE = re.compile(rf'spikelane_controllers\.({"|".join(OWN)})(?:\.|$)')
 
@@ -24,7 +21,7 @@ _MODULE = re.compile(rf'spikelane_controllers\.({"|".join(OWN)})(?:\.|$)')
 def modules() -> list[Path]:
     """Return all modules outside the controllers' folders."""
     folders = (ROOT / 'sim_bridge', ROOT / 'controllers', ROOT / 'ros2_ws/src/spikelane')
-    own = {CONTROLLERS / name for name in OWN} | BENCH
+    own = {CONTROLLERS / name for name in OWN}
     return [
         path
         for folder in folders

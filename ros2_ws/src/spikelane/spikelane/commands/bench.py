@@ -1,97 +1,23 @@
-"""`spikelane bench`: what is promised about speed, each ratio measured in one run."""
+"""`spikelane bench`: measures what is promised about speed, with the benches of a checkout."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
-import json
-import platform
+import importlib
+from pathlib import Path
 import sys
-from typing import Any, NamedTuple
 
-from spikelane.bench.unavailable import BenchmarkUnavailableError
 from spikelane_sim.errors import SpikelaneError
 
-Result = dict[str, Any]
-
-
-class Benchmark(NamedTuple):
-    """A measurement and what is promised of it."""
-
-    run: Callable[[], Result]
-    figure: str  # key of the result that is promised
-    promise: float
-    is_at_least: bool  # whether more is better
-    unit: str
-
-    def is_kept(self, result: Result) -> bool:
-        """Return whether the promise is kept."""
-        value = result[self.figure]
-        return bool(value >= self.promise if self.is_at_least else value <= self.promise)
-
-
-def _pybullet() -> Result:
-    from spikelane.bench.closed_loop import measure_closed_loop
-
-    return measure_closed_loop('pybullet')
-
-
-def _kinematic() -> Result:
-    from spikelane.bench.closed_loop import measure_closed_loop
-
-    return measure_closed_loop('kinematic')
-
-
-def _renderer() -> Result:
-    from spikelane.bench.renderer import compare_renderers
-
-    result = compare_renderers(60)
-    result['iou_min'] = min(result.pop('iou_per_pose'))
-    return result
-
-
-def _lockstep() -> Result:
-    from spikelane.bench.lockstep import measure_lockstep
-
-    return measure_lockstep()
-
-
-def _recorder() -> Result:
-    from spikelane.bench.recorder import measure_recorder
-
-    return measure_recorder()
-
-
-def _plasticity() -> Result:
-    from spikelane.bench.plasticity import measure_plasticity
-
-    return measure_plasticity()
-
-
-def _dqn() -> Result:
-    from spikelane.bench.dqn import measure_dqn
-
-    return measure_dqn()
-
-
-BENCHMARKS: Mapping[str, Benchmark] = {
-    'closed-loop-pybullet': Benchmark(_pybullet, 'steps_per_s', 1500, True, 'steps/s'),
-    'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
-    'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
-    'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
-    'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),
-    'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST'),
-    'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
-}
+#: In the root of a checkout; no part of an installation.
+_BENCHES = Path('benches')
+_PACKAGE = 'spikelane_benches'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        'names',
-        nargs='*',
-        metavar='NAME',
-        help=f'which: {", ".join(BENCHMARKS)} (default: all)',
+        'names', nargs='*', metavar='NAME', help='which ones, as they are printed (default: all)'
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 
@@ -103,46 +29,23 @@ def run(options: argparse.Namespace) -> int:
         0 where all that was promised and measured is kept, otherwise 1.
 
     Raises:
-        SpikelaneError: A name is unknown, or a measurement failed.
+        SpikelaneError: There are no benches, a name is unknown, or a measurement failed.
     """
-    for name in options.names:
-        if name not in BENCHMARKS:
-            raise SpikelaneError(f'expected {", ".join(BENCHMARKS)}, got {name!r}')
-    results = {}
-    for name in options.names or BENCHMARKS:
-        benchmark = BENCHMARKS[name]
-        print(f'measuring {name} ...', file=sys.stderr)
-        try:
-            result = benchmark.run()
-        except BenchmarkUnavailableError as error:
-            print(f'skipped {name}: {error}', file=sys.stderr)
-            continue
-        results[name] = {
-            **result,
-            'promised': benchmark.promise,
-            'is_kept': benchmark.is_kept(result),
-        }
-        if not options.json:
-            print(_row(name, benchmark, result))
-    if options.json:
-        print(json.dumps({'machine': _machine(), **results}))
-    return 0 if all(result['is_kept'] for result in results.values()) else 1
+    sys.path.insert(0, str(find_benches(Path(__file__))))
+    measured = importlib.import_module(f'{_PACKAGE}.benchmarks')
+    return int(measured.run(options.names, as_json=options.json))
 
 
-def _row(name: str, benchmark: Benchmark, result: Result) -> str:
-    bound = 'at least' if benchmark.is_at_least else 'at most'
-    verdict = 'kept' if benchmark.is_kept(result) else 'MISSED'
-    figures = ', '.join(f'{key} {_short(value)}' for key, value in result.items())
-    value = _short(result[benchmark.figure])
-    return (
-        f'{name:22} {value:>9} {benchmark.unit} ({bound} {benchmark.promise:,}: {verdict})\n'
-        f'{"":22} {figures}'
+def find_benches(module: Path) -> Path:
+    """Return the folder of the benches of the checkout that a module belongs to.
+
+    Raises:
+        SpikelaneError: The module belongs to an installed copy, which has no benches.
+    """
+    for parent in module.resolve().parents:
+        if (parent / _BENCHES / _PACKAGE).is_dir():
+            return parent / _BENCHES
+    raise SpikelaneError(
+        f'expected {_BENCHES / _PACKAGE} in a folder above {module.parent}, got none: '
+        "an installed copy has no benches; use ./spikelane in a checkout of Spikelane's repository"
     )
-
-
-def _short(value: object) -> str:
-    return f'{value:,.4g}' if isinstance(value, float) else str(value)
-
-
-def _machine() -> dict[str, Any]:
-    return {'system': platform.platform(), 'processor': platform.machine(), 'python': sys.version}

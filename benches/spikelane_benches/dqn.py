@@ -12,7 +12,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.bench.unavailable import BenchmarkUnavailableError
+from spikelane_benches.unavailable import BenchmarkUnavailableError
 from spikelane_controllers.dqn.parameters import QLearningParameters
 from spikelane_controllers.dqn.q_network import (
     greedy_action,

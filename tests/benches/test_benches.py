@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 from pathlib import Path
 import re
@@ -10,9 +9,12 @@ from typing import Any
 
 import pytest
 
-from spikelane.bench.dqn import measure_dqn
-from spikelane.bench.plasticity import measure_plasticity
-from spikelane.commands.bench import run
+from spikelane.commands.bench import find_benches
+from spikelane.main import run as run_command
+from spikelane_benches.benchmarks import run
+from spikelane_benches.dqn import measure_dqn
+from spikelane_benches.plasticity import measure_plasticity
+from spikelane_sim.errors import SpikelaneError
 
 
 @pytest.mark.slow
@@ -38,7 +40,7 @@ def test_where_nest_cannot_be_had_the_comparison_is_skipped(
         monkeypatch.setenv(name, 'file:///nowhere')
     monkeypatch.setenv('PIP_IGNORE_INSTALLED', '1')
     monkeypatch.setenv('PIP_NO_CACHE_DIR', '1')
-    assert run(argparse.Namespace(names=['plasticity'], json=False)) == 0
+    assert run(['plasticity'], as_json=False) == 0
     said = capsys.readouterr()
     assert said.out == ''
     assert 'installing nest-simulator==3.10.0' in said.err
@@ -67,10 +69,29 @@ def test_without_stable_baselines_the_comparison_is_skipped(
         return None if name == 'stable_baselines3' else found(name, *others)
 
     monkeypatch.setattr(importlib.util, 'find_spec', find)
-    assert run(argparse.Namespace(names=['dqn'], json=False)) == 0
+    assert run(['dqn'], as_json=False) == 0
     said = capsys.readouterr()
     assert said.out == ''
     assert 'skipped dqn: expected Stable-Baselines3' in said.err
     pinned = Path(__file__).parents[2] / 'requirements/constraints.txt'
     (version,) = re.findall('stable-baselines3==(.*)', pinned.read_text())
     assert f'pip install stable-baselines3=={version}' in said.err
+
+
+def test_the_command_finds_the_benches_of_its_checkout(capsys: pytest.CaptureFixture[str]) -> None:
+    """It names them where it is given another name."""
+    assert run_command(['bench', 'nothing']) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('spikelane bench: expected closed-loop-pybullet, ')
+    assert error.endswith("got 'nothing'\n")
+
+
+def test_an_installed_copy_has_no_benches(tmp_path: Path) -> None:
+    """One sentence says what was looked for, and what to do."""
+    module = tmp_path / 'lib/python3.12/site-packages/spikelane/commands/bench.py'
+    with pytest.raises(SpikelaneError) as raised:
+        find_benches(module)
+    assert str(raised.value) == (
+        f'expected benches/spikelane_benches in a folder above {module.parent}, got none: '
+        "an installed copy has no benches; use ./spikelane in a checkout of Spikelane's repository"
+    )

@@ -10,14 +10,15 @@ import sys
 import tempfile
 from typing import Any
 
-from spikelane.bench.closed_loop import measure_closed_loop
 from spikelane.processes import Processes
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig, make_config
+from spikelane_benches.closed_loop import measure_closed_loop
 
 #: Bytes of an event packet on scenario 1: about 30 events, each a word of address and one of row.
 PACKET_BYTES = 120
 _DEADLINE_S = 120.0
+_PING_PONG = Path(__file__).parent / 'nodes/ping_pong.py'
 
 
 def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
@@ -74,7 +75,7 @@ def _ping_pong_us(rounds: int) -> float:
     with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
         with Processes() as processes:
             for role in ('pong', 'ping'):
-                command = [sys.executable, '-m', 'spikelane.nodes.ping_pong', role, '--ros-args']
+                command = [sys.executable, str(_PING_PONG), role, '--ros-args']
                 command += ['-p', f'rounds:={rounds}', '-p', f'packet_bytes:={PACKET_BYTES}']
                 processes.start(role, command, Path(folder, role), os.environ | environment)
             processes.wait('ping', _DEADLINE_S)

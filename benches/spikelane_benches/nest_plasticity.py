@@ -1,6 +1,6 @@
 """The R-STDP network in NEST; a script, since NEST is noisy, global and no part of Spikelane.
 
-    python -m spikelane.bench.nest_plasticity INPUT.npz OUTPUT.npz
+    python benches/spikelane_benches/nest_plasticity.py INPUT.npz OUTPUT.npz
 
 See `plasticity.measure_plasticity`, which writes INPUT and reads OUTPUT.
 """

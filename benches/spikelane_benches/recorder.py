@@ -20,6 +20,7 @@ from spikelane_sim.errors import BagError
 
 # From a state message to an event packet [bytes].
 SIZES = (250, 500, 1000, 3000)
+_LOAD_PUBLISHER = Path(__file__).parent / 'nodes/load_publisher.py'
 _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 20.0
 _LOOK_S = 0.1  # between two looks whether a signal has come
@@ -50,7 +51,9 @@ def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[s
         environment = os.environ | domain
         bag = Path(folder) / 'bag'
         topics = [f'/load_{number}' for number in range(len(SIZES))]
-        recorder = _start('recorder', {'output': str(bag), 'topics': topics}, environment)
+        recorder = _start(
+            ('-m', 'spikelane.nodes.recorder'), {'output': str(bag), 'topics': topics}, environment
+        )
         try:
             _wait_for(bag / 'metadata.yaml', recorder)
             idle_s = _idle_cpu_s(recorder.pid)
@@ -82,9 +85,9 @@ def _result(
 
 
 def _start(
-    node: str, parameters: dict[str, Any], environment: dict[str, str]
+    node: tuple[str, ...], parameters: dict[str, Any], environment: dict[str, str]
 ) -> subprocess.Popen[str]:
-    command = [sys.executable, '-m', f'spikelane.nodes.{node}', '--ros-args']
+    command = [sys.executable, *node, '--ros-args']
     for name, value in parameters.items():
         command += ['-p', f'{name}:={json.dumps(value)}']
     return subprocess.Popen(
@@ -104,7 +107,7 @@ def _wait_for(path: Path, process: subprocess.Popen[str]) -> None:
 def _load(messages_per_s: float, seconds: float, environment: dict[str, str]) -> dict[str, Any]:
     count = round(messages_per_s * seconds)
     parameters = {'rate': float(messages_per_s), 'count': count, 'sizes': list(SIZES)}
-    publisher = _start('load_publisher', parameters, environment)
+    publisher = _start((str(_LOAD_PUBLISHER),), parameters, environment)
     try:
         output = _output(publisher, _START_TIMEOUT_S + 3 * seconds)
     finally:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Learns with many seeds here and with Stable-Baselines3, as `spikelane bench dqn` does with one.
 
-    setup/bootstrap test; source setup/env.sh; docs/results/dqn_against_sb3.py OUT [SEEDS]
+    setup/bootstrap test; source setup/env.sh; benches/dqn_against_sb3.py OUT [SEEDS]
 
 Prints the table of docs/results/dqn.md; about 2 minutes of a core for a seed. OUT, a folder, keeps
 a file for each seed; what is there is not done again.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor
 import functools
+import json
 import multiprocessing
 import os
 from pathlib import Path
@@ -19,9 +20,9 @@ import sys
 
 import numpy as np
 from scipy.stats import bootstrap, mannwhitneyu
-from tables import print_row, read_json, spread
 
-from spikelane.bench.dqn import measure_dqn
+from spikelane.report.quantities import COUNT, Quantity
+from spikelane_benches.dqn import measure_dqn
 from spikelane_sim.files import write_json
 
 LANES = ('outer', 'inner')
@@ -37,15 +38,15 @@ def main() -> None:
     seeds = range(int(sys.argv[2]) if len(sys.argv) > 2 else SEEDS)
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context('spawn')) as pool:
         list(pool.map(functools.partial(measure, out), seeds))
-    results = [read_json(out / f'{seed}.json') for seed in seeds]
+    results = [json.loads((out / f'{seed}.json').read_text('utf-8')) for seed in seeds]
     ratios = [result['ratio'] for result in results]
     print(f'{len(results)} seeds; processor time outside the environment, of theirs: ', end='')
-    print(spread(ratios, '.2f'), end='\n\n')
+    print(Quantity('.2f').median(ratios), end='\n\n')
     print_row('sum of rewards of a greedy episode', 'here', 'Stable-Baselines3')
-    print_row('---', '---', '---')
+    print_row(*['---'] * 3)
     for lane in LANES:
         both = [[result[f'{who}_{lane}'] for result in results] for who in ('ours', 'theirs')]
-        print_row(f'{lane} lane: median (range)', *(spread(values, ',.0f') for values in both))
+        print_row(f'{lane} lane: median (range)', *(COUNT.median(values) for values in both))
     ours, theirs = (
         np.array([sum(result[f'{who}_{lane}'] for lane in LANES) for result in results])
         for who in ('ours', 'theirs')
@@ -66,6 +67,11 @@ def main() -> None:
         f'{difference.high:+,.0f}. A policy from here has more than one of theirs in '
         f'{better:.0%} of pairs; that it has less in general: p = {worse:.2f} (Mann-Whitney).'
     )
+
+
+def print_row(*cells: str) -> None:
+    """Print a row of the table."""
+    print(f'| {" | ".join(cells)} |')
 
 
 def measure(out: Path, seed: int) -> None:
