@@ -137,6 +137,11 @@ def executables(folder: Path) -> dict[str, Executable]:
     ):
         make = _class(module, cls)
         nodes[module.rpartition('.')[2]] = Executable('spikelane', make, (Start('', parameters),))
+    nodes['wheels_to_twist'] = Executable(
+        'spikelane',
+        _class('spikelane.nodes.wheels_to_twist', 'WheelsToTwist'),
+        (Start('', {}), Start('`use_stamped_vel`', {'use_stamped_vel': True})),
+    )
     return nodes
 
 

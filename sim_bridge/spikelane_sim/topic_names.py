@@ -8,6 +8,7 @@ LANE_STATE = 'lane/state'
 LANE_DISTANCE = 'lane/distance'
 ODOMETRY = 'ground_truth/odom'
 JOINT_STATES = 'joint_states'
+ROBOT_DESCRIPTION = 'robot_description'
 
 WHEELS = 'wheel_velocities'
 #: What else drives the robot: a wheel controller's array, and a twist.

@@ -27,6 +27,7 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         'lane/distance',
         'ground_truth/odom',
         'joint_states',
+        'robot_description',
         'wheel_velocities',
         'wheel_velocity_controller/commands',
         'cmd_vel',

@@ -31,6 +31,7 @@ setup(
             'recorder = spikelane.nodes.recorder:main',
             'replay = spikelane.runs.replay.nodes.replay:main',
             'viewer = spikelane.nodes.viewer:main',
+            'wheels_to_twist = spikelane.nodes.wheels_to_twist:main',
         ],
     },
 )

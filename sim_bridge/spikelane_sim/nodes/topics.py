@@ -59,7 +59,7 @@ class SimulatorTopics:
         self._packets = 0
         self._make_messages(simulator)
         self._tf_static = node.create_publisher(TFMessage, topic_names.TF_STATIC, LATCHED)
-        self._description = node.create_publisher(String, 'robot_description', LATCHED)
+        self._description = node.create_publisher(String, topic_names.ROBOT_DESCRIPTION, LATCHED)
         topics: tuple[tuple[type, str, Callable[[Observation], Any]], ...] = (
             (Clock, topic_names.CLOCK, self._fill_clock),
             (TFMessage, topic_names.TF, self._fill_tf),

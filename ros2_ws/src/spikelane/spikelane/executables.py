@@ -21,6 +21,7 @@ def executables() -> dict[str, str]:
         'recorder': 'spikelane',
         'replay': 'spikelane',
         'viewer': 'spikelane',
+        'wheels_to_twist': 'spikelane',
     }
 
 

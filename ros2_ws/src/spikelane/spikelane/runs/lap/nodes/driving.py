@@ -29,7 +29,7 @@ _NEXT_EPISODE = -1  # in place of a seed: go on with the one before
 #: Recorded in this order; the recorder being matched to the last of a node means to all.
 TOPICS = (
     topic_names.TF_STATIC,
-    '/robot_description',
+    f'/{topic_names.ROBOT_DESCRIPTION}',
     topic_names.CLOCK,
     topic_names.TF,
     f'/{topic_names.ODOMETRY}',
