@@ -75,6 +75,27 @@ class PaperValue(NamedTuple):
     place: str
 
 
+class Aim(NamedTuple):
+    """What a controller is to reach in a scenario; a report says whether it does.
+
+    Attributes:
+        scenario: Of the paper, '1' to '3'.
+        measure: As in PaperValue.
+        value: The value that is aimed at, in that measure's unit.
+        setting: As the report names the setting that it is aimed at with, '' for the paper's;
+            None for every setting.
+        is_lowest: Whether the value is to be reached from above: at least, and not at most.
+        is_of_median: Whether it is the median over trainings, and not the mean.
+    """
+
+    scenario: str
+    measure: str
+    value: float
+    setting: str | None = None
+    is_lowest: bool = False
+    is_of_median: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class PaperCard:
     """What the paper (Bing et al. 2020) shows of a controller.
@@ -113,6 +134,7 @@ class ControllerCard:
             of the controller itself, whatever runs there are; '' for none.
         nir_graph: Place of a function that returns it as a NIR graph; '' where there is none.
         paper: What the paper shows of it, None for nothing.
+        aims: What it is to reach.
     """
 
     controller: str
@@ -125,3 +147,4 @@ class ControllerCard:
     figures: str = ''
     nir_graph: str = ''
     paper: PaperCard | None = None
+    aims: tuple[Aim, ...] = ()

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spikelane_controllers.card import ControllerCard, PaperCard, PaperValue, TrainingCard
+from spikelane_controllers.card import Aim, ControllerCard, PaperCard, PaperValue, TrainingCard
 
 _LAYERS = ('weights_1', 'biases_1', 'weights_2', 'biases_2', 'weights_3', 'biases_3')
 
@@ -41,5 +41,13 @@ CARD = ControllerCard(
             PaperValue('1', 'lap_steps', 5_000, 'about 5,000', 'section 5.1'),
             PaperValue('2', 'mean_abs_distance_m', None, 'above 0.041 m', 'section 6'),
         ),
+    ),
+    aims=(
+        Aim('1', 'solved_step', 60_000, setting=''),
+        Aim('2', 'solved_step', 60_000, setting=''),
+        Aim('3', 'solved_step', 100_000, setting=''),
+        Aim('1', 'mean_abs_distance_m', 0.02, setting=''),
+        Aim('2', 'mean_abs_distance_m', 0.03, setting=''),
+        Aim('3', 'mean_abs_distance_m', 0.025, setting=''),
     ),
 )

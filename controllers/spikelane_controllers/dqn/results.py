@@ -43,6 +43,11 @@ class DqnResults(TrainingResults):
         self.updates = number(mapping(facts, 'controller'), 'updates', int)
 
     @property
+    def full_episodes(self) -> int:
+        """Episodes that went to the step limit."""
+        return sum(map(_is_full, self.terminations))
+
+    @property
     def solved_episode(self) -> int | None:
         """Number of the first of the three episodes that solved the task, from 1 on."""
         index = first_solved(self.terminations)
@@ -77,7 +82,7 @@ class DqnResults(TrainingResults):
             **super().metrics(),
             'solved_at': begin,
             'solved_by': self.solved_step,
-            'full_episodes': sum(map(_is_full, self.terminations)),
+            'full_episodes': self.full_episodes,
             'reward_per_action': sum(each.reward for each in last) / actions if actions else None,
             'updates': self.updates,
             'states': self.steps,
@@ -121,6 +126,7 @@ class DqnResults(TrainingResults):
                 self.steps if step is None else step,
                 step is not None,
             ),
+            Measure('full_episodes', 'full episodes', 'count', self.full_episodes),
         )
 
     def first_lap(self) -> Time:

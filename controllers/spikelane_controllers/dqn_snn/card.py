@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spikelane_controllers.card import ControllerCard, PaperCard, PaperValue, TransferCard
+from spikelane_controllers.card import Aim, ControllerCard, PaperCard, PaperValue, TransferCard
 
 CARD = ControllerCard(
     controller='spikelane_controllers.dqn_snn.controller:DqnSnn',
@@ -24,5 +24,11 @@ CARD = ControllerCard(
             PaperValue('2', 'accuracy', 0.9171, '91.71 %', 'section 5.2'),
             PaperValue('1', 'mean_abs_distance_m', None, 'below 0.041 m', 'section 6'),
         ),
+    ),
+    aims=(
+        Aim('1', 'accuracy', 0.931, is_lowest=True),
+        Aim('2', 'accuracy', 0.92, is_lowest=True),
+        Aim('3', 'accuracy', 0.9, is_lowest=True),
+        Aim('2', 'mean_abs_distance_m', 0.04),
     ),
 )

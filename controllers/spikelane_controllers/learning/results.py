@@ -19,6 +19,9 @@ from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLET
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 
+#: The measure that every training has.
+LAST_LANE_LOSS = 'last_lane_loss_step'
+
 
 class NothingToDrawError(SpikelaneError):
     """The run has nothing that this figure could show."""
@@ -49,7 +52,7 @@ class Measure(NamedTuple):
     Attributes:
         name: Its name in the metrics; `card.PaperValue` refers to it.
         words: What it is.
-        unit: 'count', 'share', 'm' or 'spikes/ms'.
+        unit: 'count', 'share', 'correlation', 'm' or 'spikes/ms'.
         value: The number. Of an event that had not come when the run ended: the time at the end.
         reached: Whether the event came; None where the measure is no time of an event.
     """
@@ -189,7 +192,7 @@ class TrainingResults:
         """Return what reports compare."""
         return (
             Measure(
-                'last_lane_loss_step',
+                LAST_LANE_LOSS,
                 'step of the last lane loss',
                 'count',
                 self.last_lane_loss_step,

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spikelane_controllers.card import ControllerCard, PaperCard, PaperValue, TrainingCard
+from spikelane_controllers.card import Aim, ControllerCard, PaperCard, PaperValue, TrainingCard
 
 _CAPTION = 'caption, R-STDP terminations, scenario'
 
@@ -42,5 +42,16 @@ CARD = ControllerCard(
                 '1', 'mean_abs_distance_m', None, "almost a tenth of the others'", 'section 6'
             ),
         ),
+    ),
+    aims=(
+        Aim('1', 'last_lane_loss_step', 9_000, setting='', is_of_median=True),
+        Aim('2', 'last_lane_loss_step', 18_000, setting='', is_of_median=True),
+        Aim('3', 'last_lane_loss_step', 70_000, setting='', is_of_median=True),
+        Aim('1', 'last_lane_loss_step', 2_500, setting='best', is_of_median=True),
+        Aim('2', 'last_lane_loss_step', 2_500, setting='best', is_of_median=True),
+        Aim('3', 'last_lane_loss_step', 12_000, setting='best', is_of_median=True),
+        Aim('1', 'mean_abs_distance_m', 0.007, setting=''),
+        Aim('2', 'mean_abs_distance_m', 0.007, setting=''),
+        Aim('3', 'mean_abs_distance_m', 0.01, setting=''),
     ),
 )

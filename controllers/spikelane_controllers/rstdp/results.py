@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.learning.results import Figure, TrainingResults
+from spikelane_controllers.learning.results import Figure, Measure, TrainingResults
 from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
 from spikelane_controllers.spiking.weights_by_hand import weights_correlation
 from spikelane_sim.encoding import EncodingParameters
@@ -56,6 +57,16 @@ class PlasticResults(TrainingResults):
             weights_correlation(self.weights_pa, self.weight_history[0]) if is_alike else None
         )
         return {**super().metrics(), 'braitenberg_correlation': correlation}
+
+    def measures(self) -> tuple[Measure, ...]:
+        """Return what reports compare; the correlation where the run's metrics have it."""
+        found = self.run.metrics.get('braitenberg_correlation')
+        overall = found.get('overall') if isinstance(found, Mapping) else None
+        if not isinstance(overall, float):
+            return super().measures()
+        words = 'correlation with the Braitenberg weights'
+        measure = Measure('braitenberg_correlation', words, 'correlation', overall)
+        return (*super().measures(), measure)
 
     def figures(self) -> tuple[Figure, ...]:
         """Return what can be drawn."""

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from spikelane.report.groups import by_key, seeds_in_words, Table
+from spikelane.report.measured import LAP_MEASURES
 from spikelane.report.paper import paper_value
-from spikelane.report.runs import Lap, Runs, TrainingRun, TransferRun
-from spikelane.report.tables import all_tables, LAP_MEASURES
+from spikelane.report.runs import Conditions, Lap, Runs, TrainingRun, TransferRun
+from spikelane.report.tables import all_tables
 from spikelane_controllers.checkpoint import write_checkpoint
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.learning.training import Termination
@@ -123,7 +124,11 @@ def test_results_stand_beside_the_papers() -> None:
 def test_the_other_lane_is_not_compared_with_the_paper() -> None:
     """Which has the outer lane alone."""
     runs = Runs(laps=[lap(0, 0.03, lane='inner')])
-    assert [each.title for each in all_tables(runs)] == ['Success with learning off', 'Laps']
+    assert [each.title for each in all_tables(runs)] == [
+        'Success with learning off',
+        'Laps',
+        'Every seed',
+    ]
     [row] = table(runs, 'Laps').rows
     assert row == (
         'DQN',
@@ -297,3 +302,102 @@ def test_numbers_in_settings_are_ordered_by_value() -> None:
     ]
     settings = [key.setting for key in by_key(laps)]
     assert settings == ['latency_ms 50', 'latency_ms 100', 'latency_ms 200']
+
+
+def kept(seed: int, training: str, lane: str, furthest_m: float, completed: bool = True) -> Lap:
+    """Make a lap of R-STDP that strayed so far."""
+    metrics = {**lap(seed, 0.01, completed).metrics, 'max_abs_distance_m': furthest_m}
+    config = {'simulator': {'episode.max_distance_m': 0.5}}
+    found: Lap = run_of(
+        Lap, 'rstdp', seed, metrics=metrics, lane=lane, training=training, config=config
+    )
+    return found
+
+
+def test_a_lap_that_strays_farther_than_trainings_may_is_not_kept() -> None:
+    """R-STDP is reset at 0.2 m; Wilson's interval of 1 of 2 is from 9 % to 91 %."""
+    laps = [
+        *(kept(seed, 'runs/a', 'outer', 0.2) for seed in (7, 8)),
+        *(kept(seed, 'runs/b', 'inner', 0.1 * seed) for seed in (1, 3)),
+    ]
+    [row] = table(Runs(laps=laps), 'Lanes kept with learning off').rows
+    assert row == (
+        'R-STDP',
+        '1',
+        "the paper's",
+        '0.2 m',
+        '3 of 4',
+        'training',
+        '1 of 2 (9% to 91%)',
+    )
+    # A lap of the deep Q-network ends where its trainings are reset.
+    titles = [each.title for each in all_tables(Runs(laps=[lap(0, 0.03)]))]
+    assert 'Lanes kept with learning off' not in titles
+
+
+def test_aims_are_told_from_the_whole_interval(training: Train, transfer: Transfer) -> None:
+    """Of the card; a median of fewer than six has none, and 0.94 ± 0.0014 meets 93.1 %."""
+    trainings = [training(seed, 8000 + seed, True) for seed in range(6)]
+    transfers = [transfer(seed, 0.94 + seed * 0.001) for seed in range(3)]
+    rows = table(Runs(trainings=trainings, transfers=transfers), 'Aims').rows
+    steps, accuracy = sorted(rows, reverse=True)
+    assert steps[:5] == (
+        *('R-STDP', '1', "the paper's"),
+        *('median of: step of the last lane loss', '≤ 9,000'),
+    )
+    assert steps[5].startswith('8,00')
+    assert steps[6] == 'yes'
+    # s = 0.001 and half = 4.302653 * 0.001 / sqrt(3) / (0.941 * 0.059) = 0.04474 on a logit scale.
+    assert accuracy[3:] == (
+        *("mean of: accuracy on the policy's states", '≥ 93.10 %'),
+        *('93.85 to 94.34 %', 'yes'),
+    )
+    [few] = table(Runs(trainings=trainings[:5]), 'Aims').rows
+    assert few[5:] == ('—', 'too few to tell')
+    late = [training(seed, 9000 + 1000 * (seed % 2), True) for seed in range(6)]
+    assert table(Runs(trainings=late), 'Aims').rows[0][6] == 'no'
+
+
+def test_every_seed_has_its_values(training: Train) -> None:
+    """A lap counts as one of the training that it drove with."""
+    runs = Runs(
+        trainings=[
+            dataclasses.replace(
+                training(seed, 8000 + seed, settled),
+                folder=Path(f'runs/train-{seed}'),
+                metrics={'wall_time_s': 90.0},
+            )
+            for seed, settled in ((3, True), (4, False))
+        ],
+        laps=[
+            kept(1003, 'moved/train-3', 'outer', 0.1),
+            kept(1004, 'moved/train-4', 'outer', 0.1),
+            kept(1005, 'moved/train-4', 'outer', 0.6, completed=False),
+        ],
+    )
+    assert [row[3:] for row in table(runs, 'Every seed').rows] == [
+        ('step of the last lane loss', '3: 8,003, 4: over 8,004'),
+        ('wall time', '3: 1.5 min, 4: 1.5 min'),
+        ('mean error, outer lane', '3: 0.0100 m, 4: 0.0100 m (1 of 2 lost)'),
+    ]
+
+
+def test_laps_under_difficulties_are_counted() -> None:
+    """A row for each value and a column for each controller."""
+
+    def group(noise_hz: float, completed: int, error_m: float | None) -> dict[str, Any]:
+        simulator = {'pixels.model': 'coppelia', 'pixels.coppelia.noise_rate_hz': noise_hz}
+        error = None if error_m is None else {'mean': error_m}
+        shares = {'successes': completed, 'n': 10}
+        laps = {'completed': shares, 'mean_abs_distance_m': error}
+        return {'controller': 'rstdp', 'simulator': simulator, 'laps': {'all': laps}}
+
+    results = {'name': 'x', 'groups': [group(0.1, 0, None), group(0.0, 10, 0.00482)]}
+    found = table(
+        Runs(conditions=[Conditions(Path('runs/x'), results)]), 'Laps under difficulties: runs/x'
+    )
+    assert found.header == ('difficulty', 'R-STDP')
+    assert found.rows == [
+        ('noise rate of a pixel [Hz]: 0', '10 of 10, 0.0048 m'),
+        ('noise rate of a pixel [Hz]: 0.1', '0 of 10'),
+    ]

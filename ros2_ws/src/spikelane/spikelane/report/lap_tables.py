@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
 from spikelane.report.groups import by_key, Key, seeds_in_words, Table
@@ -11,8 +12,11 @@ from spikelane.report.runs import Lap
 from spikelane.runs.evaluate.summary import laps_by_unit, unit_of, UNITS
 from spikelane.statistics import effective_units, share_statistics, unit_means
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
-from spikelane_controllers.registry import title
+from spikelane_controllers.registry import cards, title
 from spikelane_sim.contract import STEP_S
+
+#: Parameter of the distance from the lane's centre at which an episode ends.
+_LIMIT = 'episode.max_distance_m'
 
 #: Laps of a group by their unit, each with its course, lane, seed and metrics.
 Units = dict[Any, list[dict[str, Any]]]
@@ -40,7 +44,7 @@ def units_of(laps: Sequence[Lap]) -> tuple[str, Units]:
 
 def lap_tables(laps: Sequence[Lap]) -> list[Table]:
     """Return the tables of laps."""
-    return [_of_success(laps), _of_laps(laps), _of_operations(laps)]
+    return [_of_success(laps), _of_laps(laps), _of_kept(laps), _of_operations(laps)]
 
 
 def _of_success(laps: Sequence[Lap]) -> Table:
@@ -123,6 +127,52 @@ def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
         COUNT.mean([lap_steps(lap) for _, lap in done], names),
         f'{len(units)} {unit if len(units) == 1 else UNITS[unit]}',
         seeds_in_words([lap.seed for lap in laps]),
+    )
+
+
+def _of_kept(laps: Sequence[Lap]) -> Table:
+    rows = [
+        _row_of_kept(key, limit_m, group)
+        for key, group in by_key(laps).items()
+        if (limit_m := _training_limit_m(key.controller)) < _limit_m(group[0])
+    ]
+    return Table(
+        'Lanes kept with learning off',
+        'A lap is kept if it is completed and the robot is never farther from the centre of its '
+        'lane than the distance at which a training is reset. A unit is successful if all of its '
+        "laps are kept. In brackets: 95 % interval of the share (Wilson's).",
+        ('controller', 'scenario', 'setting', 'distance', 'laps kept', 'unit', 'successful'),
+        rows,
+    )
+
+
+def _training_limit_m(controller: str) -> float:
+    """Return the distance at which trainings are reset [m], infinite for none."""
+    found = cards().get(controller)
+    defaults = found.training.defaults if found and found.training else {}
+    return float(defaults.get(f'simulator.{_LIMIT}') or math.inf)
+
+
+def _limit_m(lap: Lap) -> float:
+    """Return the distance at which a lap ends [m], infinite for none; 0 where it is not known."""
+    limit_m = lap.config.get('simulator', {}).get(_LIMIT)
+    return 0.0 if limit_m is None else float(limit_m) or math.inf
+
+
+def _row_of_kept(key: Key, limit_m: float, laps: Sequence[Lap]) -> tuple[str, ...]:
+    unit, units = units_of(laps)
+    kept = [
+        [lap['completed'] and lap['max_abs_distance_m'] <= limit_m for lap in each]
+        for each in units.values()
+    ]
+    return (
+        title(key.controller),
+        key.scenario,
+        key.setting or "the paper's",
+        f'{limit_m:g} m',
+        f'{sum(map(sum, kept))} of {sum(map(len, kept))}',
+        unit,
+        _share(sum(map(all, kept)), len(kept), len(kept)),
     )
 
 

@@ -45,6 +45,13 @@ class Quantity(NamedTuple):
         number = self._number
         return f'{number(mean)} ± {number(std)}{self.unit} ({number(low)} to {number(high)})'
 
+    def mean_interval(self, values: Sequence[float]) -> str:
+        """Write the 95 % interval of the mean of units, where there are enough for one."""
+        found = mean_statistics(values, None, self.low, self.high)
+        if found is None or found['ci_low'] is None or found['ci_high'] is None:
+            return NOTHING
+        return f'{self._number(found["ci_low"])} to {self.show(found["ci_high"])}'
+
     def median(self, values: Sequence[float], reached: Sequence[bool] | None = None) -> str:
         """Write median and range, as far as there are values.
 
@@ -87,4 +94,6 @@ COUNT = Quantity(',.0f')
 METRES = Quantity('.4f', ' m')
 SIGNED_METRES = Quantity('.4f', ' m', low=-math.inf)
 PERCENT = Quantity('.2f', ' %', factor=100.0, high=1.0)
+CORRELATION = Quantity('.2f', low=-1.0, high=1.0)
+MINUTES = Quantity('.1f', ' min', factor=1 / 60)  # of seconds
 RATE = Quantity('.4f')  # the unit is in the column's name

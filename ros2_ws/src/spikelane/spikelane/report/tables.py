@@ -2,60 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
 
-from spikelane.report.groups import by_key, Key, PAPER_LANE, seeds_in_words, Table
-from spikelane.report.lap_tables import lap_steps, lap_tables, units_of
+from spikelane.report.aims import aims_table
+from spikelane.report.conditions import conditions_table
+from spikelane.report.groups import by_key, Key, seeds_in_words, Table
+from spikelane.report.lap_tables import lap_tables
+from spikelane.report.measured import LAP_MEASURES, Measured, measured, values_of
 from spikelane.report.paper import paper_value
-from spikelane.report.quantities import (
-    COUNT,
-    METRES,
-    NOTHING,
-    PERCENT,
-    Quantity,
-    RATE,
-)
-from spikelane.report.runs import Lap, NamedSetting, Runs, TrainingRun, TransferRun
+from spikelane.report.quantities import COUNT, NOTHING
+from spikelane.report.runs import NamedSetting, Runs, TrainingRun, TransferRun
+from spikelane.report.seeds import seeds_table
 from spikelane.runs.evaluate.summary import UNITS
-from spikelane.statistics import unit_means
+from spikelane_controllers.learning.results import LAST_LANE_LOSS
 from spikelane_controllers.registry import cards, title
-
-#: How the units of measures are written.
-QUANTITIES = {'count': COUNT, 'share': PERCENT, 'm': METRES, 'spikes/ms': RATE}
-
-#: What is compared of laps: name in the metrics, words, unit and the value of a lap.
-LAP_MEASURES: tuple[tuple[str, str, str, Callable[[dict[str, Any]], float]], ...] = (
-    (
-        'mean_abs_distance_m',
-        f'mean error, {PAPER_LANE} lane',
-        'm',
-        lambda lap: float(lap['mean_abs_distance_m']),
-    ),
-    ('lap_steps', f'steps of a lap, {PAPER_LANE} lane', 'count', lap_steps),
-)
 
 
 def all_tables(runs: Runs) -> list[Table]:
     """Return the tables that these runs have something to say in."""
-    success, laps, operations = lap_tables(runs.laps)
+    values = measured(runs)
+    success, laps, kept, operations = lap_tables(runs.laps)
     tables = (
-        _against_paper(runs),
+        _against_paper(values),
         _of_settings(runs.settings),
         success,
         laps,
+        kept,
         _of_trainings(runs.trainings),
         _of_transfers(runs.transfers),
+        aims_table(values),
         operations,
+        *map(conditions_table, runs.conditions),
+        seeds_table(runs),
     )
     return [table for table in tables if table.rows]
 
 
-def _against_paper(runs: Runs) -> Table:
+def _against_paper(found: Mapping[str, Mapping[Key, Measured]]) -> Table:
     rows = [
         _row_against_paper(name, key, values)
-        for name, of_kind in _values(runs).items()
+        for name, of_kind in found.items()
         for key, values in of_kind.items()
+        if _is_compared(name, key, values)
     ]
     return Table(
         "Results against the paper's",
@@ -81,61 +69,16 @@ def _against_paper(runs: Runs) -> Table:
     )
 
 
-class _Values(NamedTuple):
-    """What was measured of a group, a value of each unit."""
-
-    words: str
-    quantity: Quantity
-    values: Sequence[float]
-    reached: Sequence[bool] | None  # of times: whether the value is one, or it was later
-    n: int  # units
-    unit: str
-    seeds: Sequence[int]
+def _is_compared(measure: str, key: Key, values: Measured) -> bool:
+    """Return whether the paper has such a value, or could have: of laps, and of times."""
+    if values.reached is not None or measure in [each[0] for each in LAP_MEASURES]:
+        return True
+    found = cards().get(key.controller)
+    papers = found.paper.values if found and found.paper else ()
+    return any(each.measure == measure for each in papers)
 
 
-def _values(runs: Runs) -> dict[str, dict[Key, _Values]]:
-    """Return what was measured, by name and group."""
-    found: dict[str, dict[Key, _Values]] = {}
-    laps = by_key(lap for lap in runs.laps if lap.lane == PAPER_LANE)
-    for name, words, unit, value in LAP_MEASURES:
-        quantity = QUANTITIES[unit]
-        found[name] = {key: _of_laps(each, words, quantity, value) for key, each in laps.items()}
-    learnt: list[TrainingRun | TransferRun] = [*runs.trainings, *runs.transfers]
-    for key, group in by_key(learnt).items():
-        for measures in zip(*(run.results.measures() for run in group), strict=True):
-            first = measures[0]
-            is_time = first.reached is not None
-            if is_time or _is_in_paper(key.controller, first.name):
-                found.setdefault(first.name, {})[key] = _Values(
-                    first.words,
-                    QUANTITIES[first.unit],
-                    [each.value for each in measures],
-                    [bool(each.reached) for each in measures] if is_time else None,
-                    len(group),
-                    'training',
-                    [run.seed for run in group],
-                )
-    return found
-
-
-def _is_in_paper(controller: str, measure: str) -> bool:
-    found = cards().get(controller)
-    values = found.paper.values if found and found.paper else ()
-    return any(each.measure == measure for each in values)
-
-
-def _of_laps(
-    laps: Sequence[Lap], words: str, quantity: Quantity, value: Callable[[dict[str, Any]], float]
-) -> _Values:
-    """Return the mean of each unit's completed laps."""
-    unit, units = units_of(laps)
-    done = [(name, lap) for name, each in units.items() for lap in each if lap['completed']]
-    means = unit_means([value(lap) for _, lap in done], [name for name, _ in done])
-    seeds = [lap.seed for lap in laps]
-    return _Values(words, quantity, means, None, len(units), unit, seeds)
-
-
-def _row_against_paper(measure: str, key: Key, found: _Values) -> tuple[str, ...]:
+def _row_against_paper(measure: str, key: Key, found: Measured) -> tuple[str, ...]:
     paper = paper_value(key.controller, key.scenario, measure)
     count = len(found.values) if found.reached is None else sum(found.reached)
     quantity = found.quantity
@@ -167,21 +110,29 @@ def _of_settings(settings: Sequence[NamedSetting]) -> Table:
 
 def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
     groups = by_key(trainings)
-    rows = [_row_of_trainings(key, group) for key, group in groups.items()]
+    shown = {key: _medians(group) for key, group in groups.items()}
+    columns = dict.fromkeys(words for cells in shown.values() for words in cells)
+    rows = [
+        _row_of_trainings(key, group, [shown[key].get(each, NOTHING) for each in columns])
+        for key, group in groups.items()
+    ]
     steps = {key.controller: group[0].results.step_words for key, group in groups.items()}
     words = '; '.join(f'{title(name)}: {each}' for name, each in steps.items())
     return Table(
         'Trainings',
         f'What a step is: {words}. Last lane loss: Kaplan-Meier median with range over all '
         'seeds, and its 95 % interval (bootstrap, from six seeds on); settled: with a lap of each '
-        'lane after it. The last lane loss of one that has not settled is censored ("over").',
+        'lane after it. The last lane loss of one that has not settled is censored ("over"). What '
+        'controllers measure in addition: medians with range.',
         ('controller', 'scenario', 'setting', 'steps', 'episodes', 'last lane loss')
-        + ('median, 95 %', 'settled', 'seeds'),
+        + ('median, 95 %', 'settled', *columns, 'seeds'),
         rows,
     )
 
 
-def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
+def _row_of_trainings(
+    key: Key, runs: Sequence[TrainingRun], more: Sequence[str]
+) -> tuple[str, ...]:
     results = [run.results for run in runs]
     losses = [each.last_lane_loss_step for each in results]
     settled = [each.has_settled for each in results]
@@ -194,8 +145,18 @@ def _row_of_trainings(key: Key, runs: Sequence[TrainingRun]) -> tuple[str, ...]:
         COUNT.median(losses, settled),
         COUNT.median_interval(losses, settled),
         f'{sum(settled)} of {len(runs)}',
+        *more,
         seeds_in_words([run.seed for run in runs]),
     )
+
+
+def _medians(group: Sequence[TrainingRun]) -> dict[str, str]:
+    """Return what trainings have measured but for their last lane loss, by the words for it."""
+    return {
+        each.words: each.quantity.median(each.values, each.reached)
+        for name, each in values_of(group).items()
+        if name != LAST_LANE_LOSS
+    }
 
 
 def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
@@ -203,7 +164,7 @@ def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
     words: dict[str, None] = {}
     cells: list[tuple[Key, Sequence[TransferRun], dict[str, str]]] = []
     for key, group in groups.items():
-        shown = _measured(group)
+        shown = _means(group)
         words |= dict.fromkeys(shown)
         cells.append((key, group, shown))
     notes = dict.fromkeys(group[0].results.note for group in groups.values())
@@ -224,13 +185,11 @@ def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
     )
 
 
-def _measured(group: Sequence[TransferRun]) -> dict[str, str]:
+def _means(group: Sequence[TransferRun]) -> dict[str, str]:
     """Return what was measured of a group as it is written, by the words for it."""
-    values: dict[tuple[str, str], list[float]] = {}
-    for run in group:
-        for each in run.results.measures():
-            values.setdefault((each.words, each.unit), []).append(each.value)
     return {
-        words: COUNT.median(found) if unit == 'count' else QUANTITIES[unit].mean(found)
-        for (words, unit), found in values.items()
+        each.words: each.quantity.median(each.values)
+        if each.quantity is COUNT
+        else each.quantity.mean(each.values)
+        for each in values_of(group).values()
     }
