@@ -372,6 +372,7 @@ def package_fingerprint(package: Path) -> str:
     if (package / 'CMakeLists.txt').exists():
         return digest(*files, relative_to=package)
     recipe = [path for path in files if path.name in ('package.xml', 'setup.py', 'setup.cfg')]
+    recipe += [ROOT / 'pyproject.toml', ROOT / 'setup/ros_package.py']  # what setup.py reads
     modules = {path.parent.name for path in package.glob('*/__init__.py')} | {'__pycache__'}
     names = [path.relative_to(package) for path in files]
     data = [str(name) for name in names if name.parts[0] not in modules]

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 import functools
-from importlib.metadata import entry_points, EntryPoint
+from importlib.metadata import EntryPoint
 import re
 from typing import Any, cast, ClassVar, Protocol, TYPE_CHECKING
 
 from spikelane_controllers.card import ControllerCard, TrainingCard, TransferCard
 from spikelane_sim.contract import Controller
+from spikelane_sim.entry_points import package_of, registered
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
 
@@ -75,7 +76,7 @@ def controller_packages() -> dict[str, str]:
     Raises:
         ParameterError: Another package's cannot have its name.
     """
-    return {name: _package(point) for name, point in _entries(CONTROLLER_GROUP).items()}
+    return {name: package_of(point) for name, point in _entries(CONTROLLER_GROUP).items()}
 
 
 def cards() -> Mapping[str, ControllerCard]:
@@ -249,27 +250,22 @@ def _load(name: str, place: str) -> object:
     except (Exception, SystemExit) as error:
         points = (_entries(group).get(name) for group in (TRAINING_GROUP, CONTROLLER_GROUP))
         named = next((each for each in points if each and each.value == place), None)
-        package = _package(named or _entries(CONTROLLER_GROUP)[name])
+        package = package_of(named or _entries(CONTROLLER_GROUP)[name])
         raise ParameterError(
             f'controller {name}: expected {place}, which package {package} registers, '
             f'got {error!r:.200}'
         ) from error
 
 
-def _package(point: EntryPoint) -> str:
-    return point.dist.metadata['Name'].replace('-', '_') if point.dist else ''
-
-
 @functools.cache
 def _entries(group: str) -> dict[str, EntryPoint]:
     """Return what is registered, by name: this package's in the order of cards, then others."""
     found: dict[str, EntryPoint] = {}
-    points = entry_points(group=group)
-    for point in sorted(points, key=lambda each: (_package(each) != _OWN, each.name)):
+    for point in registered(group, _OWN if group == CONTROLLER_GROUP else ''):
         if not _NAME.fullmatch(point.name) or point.name in found:
             raise ParameterError(
                 f'{group}: expected a name of a-z, 0-9 and _ that no other package has, '
-                f'got {point.name!r} of package {_package(point)}'
+                f'got {point.name!r} of package {package_of(point)}'
             )
         found[point.name] = point
     return found

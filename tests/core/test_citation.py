@@ -6,21 +6,17 @@ import re
 import yaml
 
 ROOT = Path(__file__).parents[2]
+PACKAGES = ('controllers', 'sim_bridge', 'ros2_ws/src/spikelane')
 
 
 def test_the_citation_has_the_version_of_the_packages() -> None:
-    """That of setup.py and package.xml, in each of the packages."""
+    """That of pyproject.toml, which each setup.py reads, and of each package.xml."""
     citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text('utf-8'))
-    setups = [ROOT / 'controllers', ROOT / 'sim_bridge', ROOT / 'ros2_ws/src/spikelane']
-    versions = {
-        re.search(pattern, (folder / name).read_text('utf-8'))[1]  # type: ignore[index]
-        for folder in setups
-        for name, pattern in (
-            ('setup.py', r"version='([^']+)'"),
-            ('package.xml', r'<version>([^<]+)<'),
-        )
-    }
-    assert versions == {citation['version']}
+    files = ['pyproject.toml', *(f'{folder}/package.xml' for folder in PACKAGES)]
+    pattern = r'^version = \'([^\']+)\'|<version>([^<]+)<'
+    versions = [re.search(pattern, (ROOT / file).read_text('utf-8'), re.M) for file in files]
+    found = [match[1] or match[2] for match in versions if match]
+    assert found == [citation['version']] * 4
 
 
 def test_the_citation_names_the_paper() -> None:

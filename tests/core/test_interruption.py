@@ -110,7 +110,7 @@ def test_ctrl_c_amid_the_first_imports_shows_no_traceback(tmp_path: Path) -> Non
         'import time; print("ready", flush=True); time.sleep(60)'
     )
     code = f'import sys; sys.path.insert(0, {str(tmp_path)!r})\n'
-    process = start('-c', f'{code}from spikelane.entry import main; main()')
+    process = start('-c', f'{code}from spikelane_entry import main; main()')
     assert process.stdout is not None
     assert process.stdout.readline() == 'ready\n'
     process.send_signal(signal.SIGINT)

@@ -192,7 +192,9 @@ def test_a_node_is_found_through_the_ament_index(
     for prefix in ('b b', 'c'):
         install_recorder(tmp_path / prefix)
     assert find_executable('recorder') == tmp_path / 'b b/lib/spikelane/recorder'
-    with pytest.raises(SpikelaneError, match='package spikelane_sim is not in AMENT_PREFIX_PATH'):
+    with pytest.raises(
+        SpikelaneError, match='expected package spikelane_sim in AMENT_PREFIX_PATH'
+    ):
         find_executable('simulator')
 
 
@@ -221,7 +223,7 @@ def test_without_ros_no_node_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     ('missing', 'error'),
     [
         ('spikelane_msgs', '--transport ros: expected ROS 2 and the built workspace, got '),
-        ('', 'node simulator: package spikelane_sim is not in AMENT_PREFIX_PATH'),
+        ('', 'node simulator: expected package spikelane_sim in AMENT_PREFIX_PATH'),
     ],
 )
 def test_where_nodes_cannot_be_started_no_folder_is_made(

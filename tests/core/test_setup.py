@@ -32,6 +32,7 @@ def tree(tmp_path: Path) -> Path:
     root = tmp_path / 'a tree'
     for folder in ('setup', 'requirements', 'msgs', 'sim_bridge/config'):
         shutil.copytree(ROOT / folder, root / folder)
+    shutil.copy(ROOT / 'pyproject.toml', root)
     for name in ('package.xml', 'setup.py', 'setup.cfg'):
         shutil.copy(ROOT / 'sim_bridge' / name, root / 'sim_bridge')
     module = root / 'sim_bridge/spikelane_sim'
@@ -163,6 +164,7 @@ def test_an_interrupted_set_up_goes_on(machine: Machine, failing: str, then: lis
     [
         ('msgs/tf2_msgs/msg/TFMessage.msg', ['colcon tf2_msgs']),
         ('sim_bridge/package.xml', ['colcon sim_bridge']),
+        ('pyproject.toml', ['colcon sim_bridge']),
         ('sim_bridge/config/new.yaml', ['colcon sim_bridge']),
         ('sim_bridge/spikelane_sim/__init__.py', []),
         ('sim_bridge/spikelane_sim/new.py', []),

@@ -21,6 +21,6 @@ def require_pytorch() -> None:
     """
     if importlib.util.find_spec('torch') is None:
         raise MissingPyTorchError(
-            'learning: expected PyTorch, found none: setup/bootstrap learn, or '
-            'pip install -r requirements/learn.txt -c requirements/constraints.txt'
+            "learning: expected PyTorch, found none: pip install 'spikelane[learn]', "
+            'or setup/bootstrap learn in a checkout'
         )

@@ -44,8 +44,6 @@ from spikelane_sim.task import action_wheels, ACTIONS
 if TYPE_CHECKING:
     import nir
 
-NIR_VERSION = '1.0.8'
-
 #: Version of the metadata, as `docs/nir.md` describes it.
 FORMAT_VERSION = 1
 
@@ -181,6 +179,6 @@ def _import_nir() -> Any:
         import nir
     except ImportError:
         raise NirExportError(
-            f'nir: expected the Python package, found none: pip install nir=={NIR_VERSION}'
+            "nir: expected the Python package, found none: pip install 'spikelane[nir]'"
         ) from None
     return nir

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import functools
-from importlib.metadata import entry_points
 from typing import TypeVar
 
 from spikelane_sim.engine import Engine
+from spikelane_sim.entry_points import registered
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots.model import RobotModel
 
 ROBOT_GROUP = 'spikelane.robots'
 ENGINE_GROUP = 'spikelane.engines'
+_OWN = 'spikelane_sim'
 
 KindT = TypeVar('KindT', RobotModel, Engine)
 
@@ -57,14 +58,10 @@ def _known(what: str, found: Mapping[str, KindT | str], name: str) -> KindT:
     return value
 
 
-#: All entry points, which take long to read.
-_entry_points = functools.cache(entry_points)
-
-
 @functools.cache
 def _registered(group: str, kind: type[KindT]) -> Mapping[str, KindT | str]:
     found: dict[str, KindT | str] = {}
-    for point in sorted(_entry_points().select(group=group), key=lambda each: each.name):
+    for point in registered(group, _OWN):
         try:
             value = point.load()
         # Another package's module can raise anything; one that calls sys.exit must not end us.
@@ -75,8 +72,4 @@ def _registered(group: str, kind: type[KindT]) -> Mapping[str, KindT | str]:
             found[point.name] = (
                 value if is_kind else f'expected {kind.__name__}, got {value!r:.200}'
             )
-    if not found:
-        raise ParameterError(
-            f'{group}: expected entry points, got none; run setup/bootstrap again'
-        )
     return found

@@ -241,5 +241,7 @@ def test_without_pytorch_it_drives_but_does_not_learn(monkeypatch: pytest.Monkey
     controller = dqn_of()
     controller.reset(np.random.default_rng(0))
     assert controller.step(seen(0, (64, 64))).left > 0
-    with pytest.raises(MissingPyTorchError, match='setup/bootstrap learn'):
+    with pytest.raises(
+        MissingPyTorchError, match=r"pip install 'spikelane\[learn\]', or setup/bootstrap learn "
+    ):
         dqn_of(learning=True).initialise(np.random.default_rng(0))

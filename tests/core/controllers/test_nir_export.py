@@ -288,6 +288,6 @@ def test_what_nir_lacks_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         exported(tmp_path, drawn_network(0), **{'neurons.reset': 'subtract'})
     monkeypatch.setitem(sys.modules, 'nir', None)
     checkpoint = str(tmp_path / 'network.safetensors')
-    with pytest.raises(NirExportError, match=r'found none: pip install nir==1\.0\.8'):
+    with pytest.raises(NirExportError, match=r"found none: pip install 'spikelane\[nir\]'$"):
         export_nir(tmp_path / 'x.nir', DqnSnnParameters(checkpoint=checkpoint))
     assert not (tmp_path / 'x.nir').exists()

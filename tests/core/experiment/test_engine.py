@@ -52,7 +52,7 @@ def test_a_process_that_said_nothing_has_its_status(tmp_path: Path) -> None:
 def test_without_ray_it_is_told_how_to_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody else needs it."""
     monkeypatch.setitem(sys.modules, 'ray', None)
-    with pytest.raises(SpikelaneError, match=r'pip install ray -c requirements/constraints\.txt'):
+    with pytest.raises(SpikelaneError, match=r"pip install 'spikelane\[ray\]'$"):
         RayEngine(None, None)
 
 

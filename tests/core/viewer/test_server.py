@@ -64,7 +64,9 @@ def test_a_port_in_use_is_told(which: str) -> None:
 def test_without_rerun_it_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """One line with the command."""
     monkeypatch.setitem(sys.modules, 'rerun_cli', None)
-    with pytest.raises(ViewerError, match=r'^viewer: expected the package rerun-sdk, .* view$'):
+    with pytest.raises(
+        ViewerError, match=r'^viewer: expected the package rerun-sdk, .* setup/bootstrap view '
+    ):
         rerun_program()
 
 

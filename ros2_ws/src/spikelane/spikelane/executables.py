@@ -8,6 +8,9 @@ from pathlib import Path
 from spikelane_controllers.registry import controller_packages
 from spikelane_sim.errors import SpikelaneError
 
+#: What to do where a command needs ROS 2, and there is none.
+ROS_ADVICE = 'source install/setup.bash, or use ./spikelane in a checkout, which sets ROS 2 up'
+
 
 def executables() -> dict[str, str]:
     """Return the node executables, those of other packages' controllers too, with their package.
@@ -41,5 +44,5 @@ def find_executable(name: str) -> Path:
         if prefix and marker.exists() and executable.exists():
             return executable
     raise SpikelaneError(
-        f'node {name}: package {package} is not in AMENT_PREFIX_PATH; source install/setup.bash'
+        f'node {name}: expected package {package} in AMENT_PREFIX_PATH, got none: {ROS_ADVICE}'
     )

@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from spikelane.executables import find_executable
+from spikelane.executables import find_executable, ROS_ADVICE
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.lock import locked
 from spikelane.requirements import require
@@ -95,6 +95,8 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError('--domain, --namespace: expected no --controller beside them')
     if options.transport != 'ros':
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
+    for node in ('viewer', 'simulator', options.controller):
+        find_executable(node)
     if options.train and options.controller in training_names():
         require([training_card(options.controller).requires])
     try:
@@ -140,7 +142,9 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
         from spikelane.runs.lap.nodes.driving import drive_lap_over_ros
         from spikelane.runs.train.nodes.training import train_over_ros
     except ImportError as error:
-        raise SpikelaneError(f'expected ROS 2 and the built workspace, got {error}') from None
+        raise SpikelaneError(
+            f'expected ROS 2 and the built workspace, got {error}: {ROS_ADVICE}'
+        ) from None
     viewer = {'server': server.address}
     with progress(options.json) as show:
         if options.train:

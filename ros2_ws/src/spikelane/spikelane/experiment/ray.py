@@ -172,7 +172,6 @@ def _import_ray() -> Any:
         import ray.exceptions
     except ImportError:
         raise SpikelaneError(
-            '--engine ray: expected Ray, which is not installed: '
-            'pip install ray -c requirements/constraints.txt'
+            "--engine ray: expected Ray, which is not installed: pip install 'spikelane[ray]'"
         ) from None
     return ray

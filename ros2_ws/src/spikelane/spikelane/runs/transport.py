@@ -6,7 +6,7 @@ from collections.abc import Callable
 import importlib
 from typing import Any
 
-from spikelane.executables import find_executable
+from spikelane.executables import find_executable, ROS_ADVICE
 from spikelane_sim.errors import SpikelaneError
 
 
@@ -24,7 +24,8 @@ def over_ros(module: str, function: str) -> Callable[..., Any]:
         return getattr(importlib.import_module(f'spikelane.runs.{module}'), function)  # type: ignore[no-any-return]
     except ImportError as error:
         raise SpikelaneError(
-            f'--transport ros: expected ROS 2 and the built workspace, got {error}'
+            f'--transport ros: expected ROS 2 and the built workspace, got {error}: {ROS_ADVICE}; '
+            '--transport inprocess needs none'
         ) from None
 
 

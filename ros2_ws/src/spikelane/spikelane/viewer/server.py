@@ -134,7 +134,8 @@ def rerun_program() -> Path:
         import rerun_cli
     except ImportError:
         raise ViewerError(
-            'viewer: expected the package rerun-sdk, found none; install it: setup/bootstrap view'
+            "viewer: expected the package rerun-sdk, found none: pip install 'spikelane[view]', "
+            'or setup/bootstrap view in a checkout'
         ) from None
     return Path(str(rerun_cli.__file__)).parent / 'rerun'
 

@@ -1,0 +1,82 @@
+"""What tests of installations share: this machine's Pythons, commands as in a new shell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import functools
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+#: The minor versions of Python 3 that are supported.
+MINORS = (10, 11, 12, 13)
+VENV = Path(__file__).resolve().parents[2] / '.venv'
+PROBE = 'import sys, ensurepip; print(sys.version_info[1], sys.base_prefix)'
+
+#: Runs a command, which must succeed, with some variables; returns its standard error.
+Run = Callable[..., str]
+
+
+@functools.cache
+def pythons() -> dict[int, str]:
+    """Return one Python of each version that is supported, by minor version."""
+    return {minor: found for minor in MINORS for found in [*_of_version(minor)][:1]}
+
+
+def _of_version(minor: int) -> Iterator[str]:
+    name = f'python3.{minor}'
+    if minor == sys.version_info[1]:
+        yield os.path.realpath(sys.executable)
+    pyenv = Path(os.environ.get('PYENV_ROOT', Path.home() / '.pyenv'))
+    found = [str(path) for path in sorted(pyenv.glob(f'versions/3.{minor}.*/bin/{name}'))]
+    for python in [*found, shutil.which(name) or '']:
+        if python and _runs(python, minor):
+            yield python
+
+
+def _runs(python: str, minor: int) -> bool:
+    done = subprocess.run([python, '-c', PROBE], capture_output=True, text=True, check=False)
+    return done.returncode == 0 and done.stdout.startswith(f'{minor} ')
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Repeat tests with the argument `further_python` for all but the Python that runs them."""
+    if 'further_python' in metafunc.fixturenames:
+        others = {minor: path for minor, path in pythons().items() if minor != sys.version_info[1]}
+        found = [pytest.param(path, id=f'python3.{minor}') for minor, path in others.items()]
+        reason = 'no other Python that is supported'
+        none = pytest.param('', marks=pytest.mark.skip(reason=reason))
+        metafunc.parametrize('further_python', found or [none])
+
+
+@pytest.fixture(scope='session')
+def run_anew() -> Run:
+    """Give what runs a command as from a new shell, which must succeed."""
+    return _run_anew
+
+
+def _run_anew(*command: str | Path, cwd: Path | None = None, **variables: str) -> str:
+    kept = ('PATH', 'HOME', 'LANG', 'TMPDIR', 'SSL_CERT_FILE')
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name in kept or name.startswith(('PIP_', 'OPENBLAS_', 'http', 'HTTP', 'REQUESTS_'))
+    }
+    path = environment['PATH'].split(os.pathsep)
+    environment['PATH'] = os.pathsep.join(each for each in path if not each.startswith(str(VENV)))
+    environment |= variables
+    done = subprocess.run(
+        list(map(str, command)),
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'pybullet build time' not in done.stdout + done.stderr
+    return done.stderr
