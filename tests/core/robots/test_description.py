@@ -1,7 +1,6 @@
 """The robots' URDFs: proper trees, real masses, and no contradiction to the parameters."""
 
 import math
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -147,10 +146,3 @@ def test_the_turtlebots_inertias_are_those_of_cylinders() -> None:
     across = 0.2 / 12 * (3 * 0.03575**2 + 0.015**2)
     cylinder = [across, 0.2 / 2 * 0.03575**2, across]
     assert left.inertia_kg_m2 == right.inertia_kg_m2 == pytest.approx(cylinder, rel=1e-3)
-
-
-def test_the_urdfs_are_installed_with_the_package() -> None:
-    """setup.py names them, and they are in the folder of the modules."""
-    assert all(robot_model(name).urdf.is_file() for name in ROBOTS)
-    setup = Path(__file__).parents[3] / 'sim_bridge' / 'setup.py'
-    assert "'robots/*.urdf'" in setup.read_text(encoding='utf-8')
