@@ -189,7 +189,7 @@ def test_the_library_does_everything_without_ros(
     run_anew(command, 'report', out, cwd=tmp_path)
     replay = ('replay', ROOT / 'tests/data/bag_zstd', '--controller', 'braitenberg')
     run_anew(command, *replay, cwd=tmp_path)
-    run_anew(command, 'export', 'nir', '1', tmp_path / 'lane.nir', cwd=tmp_path)
+    run_anew(command, 'export', 'nir', 'scenario_1', tmp_path / 'lane.nir', cwd=tmp_path)
     run_anew(command, 'evaluate', '--engine', 'kinematic', cwd=tmp_path)
     said = run_anew(programs / 'python', '-I', '-c', EPISODE, cwd=tmp_path)
     assert json.loads(said) == rewards_here()
