@@ -70,14 +70,14 @@ def _lockstep_us(config: LapConfig, steps: int) -> float:
 
 
 def _ping_pong_us(rounds: int) -> float:
-    from spikelane.nodes.graph import own_domain
+    from spikelane.nodes.domain import own_domain
 
-    with own_domain() as environment, tempfile.TemporaryDirectory() as folder:
-        with Processes() as processes:
+    with own_domain() as domain, tempfile.TemporaryDirectory() as folder:
+        with Processes(kept_open=(domain.reservation,)) as processes:
             for role in ('pong', 'ping'):
                 command = [sys.executable, str(_PING_PONG), role, '--ros-args']
                 command += ['-p', f'rounds:={rounds}', '-p', f'packet_bytes:={PACKET_BYTES}']
-                processes.start(role, command, Path(folder, role), os.environ | environment)
+                processes.start(role, command, Path(folder, role), os.environ | domain.environment)
             processes.wait('ping', _DEADLINE_S)
         result = json.loads(Path(folder, 'ping').read_text().splitlines()[-1])
     return float(result['round_trip_us'])

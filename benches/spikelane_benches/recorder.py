@@ -42,13 +42,13 @@ def measure_recorder(messages_per_s: float = 1000, seconds: float = 5) -> dict[s
         BagError: One of the processes failed.
     """
     # Here and not above: the other measurements must work where there is no ROS.
-    from spikelane.nodes.graph import own_domain
+    from spikelane.nodes.domain import own_domain
 
     with (
         own_domain() as domain,
         tempfile.TemporaryDirectory(prefix='spikelane_bench_') as folder,
     ):
-        environment = os.environ | domain
+        environment = os.environ | domain.environment
         bag = Path(folder) / 'bag'
         topics = [f'/load_{number}' for number in range(len(SIZES))]
         recorder = _start(

@@ -5,6 +5,7 @@ import json
 import os
 from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from spikelane.nodes.domain import own_domain
 from spikelane.processes import end_with
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_sim.errors import CheckpointError
@@ -51,6 +53,17 @@ def train(folder: Path, transport: str, *options: str) -> dict[str, Any]:
     output, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0, errors
     return dict(json.loads(output))
+
+
+def wait_for_steps(process: subprocess.Popen[str], folder: Path) -> None:
+    """Wait until a training has saved a hundred steps."""
+    deadline_s = time.monotonic() + DEADLINE_S
+    while saved_steps(folder) < 100:
+        if process.poll() is not None or time.monotonic() > deadline_s:
+            logs = {path.name: path.read_text() for path in folder.glob('logs/*')}
+            process.kill()
+            raise AssertionError((process.returncode, process.communicate(), logs))
+        time.sleep(0.01)
 
 
 def checkpoint_bytes(folder: Path) -> bytes:
@@ -94,10 +107,7 @@ def test_stopped_it_goes_on_over_either_transport(
     """After a kill of the command or Ctrl-C; nothing is left that writes to the folder."""
     folder = tmp_path / 'stopped'
     process = start(folder, 'ros')
-    deadline_s = time.monotonic() + DEADLINE_S
-    while saved_steps(folder) < 100:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
+    wait_for_steps(process, folder)
     process.send_signal(number)
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode in (status, 0), errors  # 0 where it was quicker than the signal
@@ -113,10 +123,7 @@ def test_a_training_whose_node_is_told_to_end_has_failed(
     """Exit status 1 and one line, no results; it can be resumed."""
     folder = tmp_path / 'cut'
     process = start(folder, 'ros', '--steps', '1000000')
-    deadline_s = time.monotonic() + DEADLINE_S
-    while saved_steps(folder) < 100:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
+    wait_for_steps(process, folder)
     os.kill(child(process.pid, node), number)
     _, errors = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 1, errors
@@ -131,6 +138,47 @@ def test_a_training_whose_node_is_told_to_end_has_failed(
     steps = saved_steps(folder)
     result = train(folder, 'inprocess', '--resume', '--steps', str(steps + 50))
     assert result['steps'] == steps + 50
+
+
+def test_nodes_that_outlive_the_command_keep_their_domain(tmp_path: Path) -> None:
+    """A simulator left over from a killed command would answer the next one's controller."""
+    folder = tmp_path / 'killed'
+    process = start(folder, 'ros', '--steps', '1000000')
+    wait_for_steps(process, folder)
+    nodes = [child(process.pid, name) for name in ('simulator', 'rstdp')]
+    domains = {domain_of(node) for node in nodes}
+    for node in nodes:
+        os.kill(node, signal.SIGSTOP)
+    try:
+        process.kill()
+        process.communicate(timeout=DEADLINE_S)
+        with own_domain() as other:
+            assert {other.number} != domains
+    finally:
+        for node in nodes:
+            os.kill(node, signal.SIGKILL)
+    (domain,) = domains
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not is_free(domain):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+def is_free(domain: int) -> bool:
+    """Return whether nobody has reserved a ROS domain, in the way of ROS's domain_coordinator."""
+    with socket.socket() as port:
+        try:
+            port.bind(('', 32768 + domain))
+        except OSError:
+            return False
+    return True
+
+
+def domain_of(pid: int) -> int:
+    """Return the ROS domain of a process."""
+    variables = Path(f'/proc/{pid}/environ').read_bytes().decode().split('\0')
+    (domain,) = (each for each in variables if each.startswith('ROS_DOMAIN_ID='))
+    return int(domain.partition('=')[2])
 
 
 def child(parent: int, name: str) -> int:

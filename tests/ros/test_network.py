@@ -10,7 +10,8 @@ from domain_coordinator import domain_id
 import pytest
 
 from spikelane.executables import find_executable
-from spikelane.nodes.graph import own_domain, RECORDER_DEADLINE_S, running_nodes
+from spikelane.nodes.domain import own_domain
+from spikelane.nodes.graph import RECORDER_DEADLINE_S, running_nodes
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import make_config
 from spikelane.runs.lap.nodes.driving import node_parameters
@@ -123,9 +124,9 @@ def test_a_profile_of_the_users_own_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     """Ours, of an environment sourced before, are replaced by what is asked for now."""
     assert network_variables({PROFILE: '/home/me/mine.xml'}) == {}
     monkeypatch.setenv(PROFILE, '/home/me/mine.xml')
-    with own_domain() as environment:
-        assert environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
-        assert PROFILE not in environment
+    with own_domain() as domain:
+        assert domain.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+        assert PROFILE not in domain.environment
     ours = network_variables({})[PROFILE]
     assert Path(ours).name == 'spikelane_loopback.xml'
     wide = network_variables({PROFILE: ours, 'SPIKELANE_NETWORK': 'all'})[PROFILE]
@@ -140,8 +141,8 @@ def test_nodes_of_a_lap_outlast_a_stop_as_long_as_the_lap_waits(
     monkeypatch.delenv(PROFILE, raising=False)
     monkeypatch.setenv('SPIKELANE_NETWORK', network)
     usual = Path(network_variables(os.environ)[PROFILE]).read_text()
-    with own_domain() as environment:
-        patient = Path(environment[PROFILE]).read_text()
+    with own_domain() as domain:
+        patient = Path(domain.environment[PROFILE]).read_text()
     lease = '<leaseDuration><sec>{}</sec></leaseDuration>'
     assert lease.format(900) in patient
     assert patient.replace(lease.format(900), lease.format(20)) == usual

@@ -103,6 +103,10 @@ class LearningNode(ControllerNode):
         else:
             training.begin(self._settings.seed)
         ScalarLog(folder / LOG_FOLDER, training, time.monotonic)
+        # The client is made before the subscriptions. A service drops an answer to a client that
+        # it has not met within 0.1 s; a simulator that waits for our subscriptions has met the
+        # client before it answers.
+        self._client = self.create_client(Reset, 'simulator/reset')
         return training
 
     def _start(self) -> None:
@@ -112,7 +116,6 @@ class LearningNode(ControllerNode):
         elif self._is_done:
             self.context.try_shutdown()
         else:
-            self._client = self.create_client(Reset, 'simulator/reset')
             # Steady time: that of the simulator does not pass before it is reset.
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._search = self.create_timer(0.1, self._reset_if_there, clock=steady)

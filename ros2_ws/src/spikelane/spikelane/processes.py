@@ -40,8 +40,13 @@ class ProcessError(SpikelaneError):
 class Processes:
     """Starts children, notices when one ends, and ends them all."""
 
-    def __init__(self) -> None:
-        """Start with none."""
+    def __init__(self, kept_open: Sequence[int] = ()) -> None:
+        """Start with none.
+
+        Args:
+            kept_open: File descriptors that the children inherit.
+        """
+        self._kept_open = tuple(kept_open)
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._logs: dict[str, Path] = {}
         self._told: set[tuple[str, int]] = set()  # children, and the signals they were sent
@@ -86,6 +91,7 @@ class Processes:
                     env=dict(environment),
                     start_new_session=True,
                     preexec_fn=lambda: end_with(parent),
+                    pass_fds=self._kept_open,
                 )
         except OSError as error:
             raise ProcessError(f'{name}: cannot be started: {error}') from None

@@ -5,26 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 import os
-from pathlib import Path
-import tempfile
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from domain_coordinator import domain_id
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from spikelane_msgs.srv import Reset
 
 from spikelane.executables import find_executable
 from spikelane.interruption import check
+from spikelane.nodes.domain import own_domain
 from spikelane.processes import ProcessError, Processes
 from spikelane.runs.folder import RunFolder
 from spikelane_sim import topic_names
 from spikelane_sim.files import write_yaml
-from spikelane_sim.nodes.network import network_variables, PROFILE, RANGE
 
 #: The first start compiles the numerical kernels, which takes long on a slow machine.
 START_DEADLINE_S = 180.0
@@ -32,54 +30,6 @@ STALL_DEADLINE_S = 60.0
 #: A recorder that is merely slow, on a busy disk say, is waited for much longer.
 RECORDER_DEADLINE_S = 600.0
 _END_DEADLINE_S = 20.0
-#: How long a silent node is taken for alive: usually, and in a domain of our own.
-LEASE_S = 20
-PATIENT_LEASE_S = 900
-
-
-@contextlib.contextmanager
-def own_domain() -> Iterator[dict[str, str]]:
-    """Reserve a ROS domain that nobody else on this machine uses.
-
-    Yields:
-        The environment variables that keep processes in it.
-    """
-    before = dict(os.environ)
-    with domain_id() as domain, tempfile.TemporaryDirectory(prefix='spikelane_') as folder:
-        own = {'ROS_DOMAIN_ID': str(domain), RANGE: 'LOCALHOST'}
-        own |= network_variables(os.environ | own)
-        if PROFILE in own:  # and not one of the user's
-            own[PROFILE] = str(write_patient_profile(Path(own[PROFILE]), Path(folder)))
-        # The supervisor reads them in this process, else it would meet other machines' nodes.
-        os.environ |= own
-        try:
-            yield own
-        finally:
-            os.environ.clear()
-            os.environ |= before
-
-
-def write_patient_profile(profile: Path, folder: Path) -> Path:
-    """Write a Fast DDS profile with which nodes do not forget one that was stopped for a while.
-
-    Elsewhere a node that is silent for 20 s is taken for dead: whoever was killed must be
-    forgotten. In a domain of our own the end of a process is noticed at once, and a recorder that
-    was forgotten while it was stopped would lack what was sent to it before.
-
-    Args:
-        profile: The usual one.
-        folder: Where to write the other.
-
-    Returns:
-        Its path.
-    """
-    usual = f'<leaseDuration><sec>{LEASE_S}</sec></leaseDuration>'
-    text = profile.read_text(encoding='utf-8')
-    assert text.count(usual) == 1
-    path = folder / 'fastdds.xml'
-    longer = usual.replace(f'{LEASE_S}', f'{PATIENT_LEASE_S}')
-    path.write_text(text.replace(usual, longer), encoding='utf-8')
-    return path
 
 
 @contextlib.contextmanager
@@ -98,12 +48,12 @@ def running_nodes(
     """
     file = folder.path / 'parameters.yaml'
     write_yaml(file, {name: {'ros__parameters': values} for name, values in parameters.items()})
-    with own_domain() as environment, Processes() as processes:
+    with own_domain() as domain, Processes(kept_open=(domain.reservation,)) as processes:
         for node in nodes:
             command = [str(find_executable(node)), '--ros-args', '--params-file', str(file)]
             log = folder.path / 'logs' / f'{node}.log'
-            processes.start(node, command, log, os.environ | environment)
-        with Supervisor(int(environment['ROS_DOMAIN_ID']), processes) as supervisor:
+            processes.start(node, command, log, os.environ | domain.environment)
+        with Supervisor(domain.number, processes) as supervisor:
             yield processes, supervisor
 
 
@@ -123,7 +73,7 @@ class Supervisor:
     It does not listen to lane/state: one more reader of every step would slow the lockstep.
 
     Attributes:
-        node: For services and the like.
+        reset: Client of the simulator's seeded reset. It may be asked once there are values.
         values: Values of the simulator's last diagnostics.
     """
 
@@ -136,17 +86,21 @@ class Supervisor:
             domain_id=domain,
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self.node = Node(
+        self._node = Node(
             'supervisor',
             context=self._context,
             start_parameter_services=False,
             enable_rosout=False,
         )
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        self._executor.add_node(self._node)
         self.values: Mapping[str, str] = {}
         self._is_quitting = False
-        self.node.create_subscription(
+        # The client comes first. A service drops an answer to a client that it has not met within
+        # 0.1 s; whoever hears the simulator's diagnostics has been met, and so was, in the order
+        # of their making, all that was made before.
+        self.reset = self._node.create_client(Reset, '/simulator/reset')
+        self._node.create_subscription(
             DiagnosticArray, topic_names.DIAGNOSTICS, self._on_diagnostics, 10
         )
 
@@ -157,7 +111,7 @@ class Supervisor:
     def __exit__(self, *_: object) -> None:
         """End it."""
         self._executor.shutdown()
-        self.node.destroy_node()
+        self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 
     def wait_for(self, what: str, is_there: Callable[[], bool]) -> None:

@@ -164,12 +164,15 @@ class Viewer(Node):
         self._scene.show_weights(stamp_ns, message.name, weights)
 
     def _ask(self) -> None:
+        # Again and again: a service drops an answer to a client that it has not met yet.
         if self._client.service_is_ready():
-            self._asking.cancel()
             request = GetParameters.Request(names=['course'])
             self._client.call_async(request).add_done_callback(self._on_course)
 
     def _on_course(self, answer: Future) -> None:
+        if self._asking.is_canceled():  # an earlier answer has come
+            return
+        self._asking.cancel()
         name = answer.result().values[0].string_value
         try:
             self._scene.show_course(load_course(name))

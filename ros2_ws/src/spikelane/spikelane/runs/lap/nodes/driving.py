@@ -164,11 +164,10 @@ def _drive_episode(
     config: LapConfig, seed: int, supervisor: Supervisor, show: OnLapProgress
 ) -> float:
     """Drive one episode; return its wall time [s]."""
-    reset = supervisor.node.create_client(Reset, '/simulator/reset')
-    supervisor.wait_for('the simulator', reset.service_is_ready)
+    supervisor.wait_for('the simulator', supervisor.reset.service_is_ready)
     # The simulator's diagnostics must reach us before the one that says it is over.
     supervisor.wait_for('diagnostics of the simulator', lambda: bool(supervisor.values))
-    answer = reset.call_async(Reset.Request(lane=config.lane, seed=seed))
+    answer = supervisor.reset.call_async(Reset.Request(lane=config.lane, seed=seed))
     supervisor.wait_for(f'{config.controller} and the recorder to join', answer.done)
     if not answer.result().success:
         supervisor.check_simulator()
