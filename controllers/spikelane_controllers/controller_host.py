@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 from spikelane_sim.contract import Controller, controller_rng, Observation, WheelVelocities
 from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.episodes import EpisodeWatch
 from spikelane_sim.parameters import Parameters
-
-
-class _Place(NamedTuple):
-    """Where an observation stands in its episode."""
-
-    episode: int
-    step: int
 
 
 class ControllerHost:
     """Gives a controller observations, and resets it wherever they begin another episode.
 
-    They do where the episode's number changes or its steps begin again. A later step that is seen
-    twice, as after a reset of time alone, is within the episode. Observations without a lane state
-    belong to one episode that never ends, number 0 if there was none before.
+    `EpisodeWatch` says where that is. Observations without a lane state belong to one episode that
+    never ends, number 0 if there was none before.
     """
 
     def __init__(self, controller: Controller, seed: int) -> None:
@@ -34,21 +26,15 @@ class ControllerHost:
         """
         self._controller = controller
         self._seed = seed
-        self._last: _Place | None = None
+        self._episodes = EpisodeWatch()
         controller.reset(controller_rng(seed, 0))
 
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation."""
         lane = observation.lane
-        if lane is not None and self._begins(_Place(lane.episode, lane.step)):
+        if lane is not None and self._episodes.begins(lane):
             self._controller.reset(controller_rng(self._seed, lane.episode))
         return self._controller.step(observation)
-
-    def _begins(self, place: _Place) -> bool:
-        last, self._last = self._last, place
-        if last is None or place.episode != last.episode:
-            return True
-        return place.step == 0 or place.step < last.step
 
 
 def image_size(parameters: Parameters) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""From a camera's events to steps of 50 ms: cropped, scaled and binned by time; see `sensor`."""
+"""From a camera's events to steps of 50 ms: filtered, cropped, scaled, binned; see `sensor`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from spikelane_sim.codecs import DecodedPacket, Decoder, STAMP_TOLERANCE_NS
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events, no_events
+from spikelane_sim.filters import FilterStage
 from spikelane_sim.parameters import parameter, Parameters
 
 SOURCES = ('auto', 'simulator', 'camera')
@@ -159,10 +160,21 @@ class StepBinning:
         width: int,
         height: int,
         restarts: Counter[str],
+        stage: FilterStage,
     ) -> None:
-        """Begin with nothing; `restarts` counts how often steps begin anew, by the reason."""
+        """Begin with nothing.
+
+        Args:
+            parameters: How packets become steps.
+            crop: The part of the image that is used.
+            width: Columns that it is scaled to [px].
+            height: Rows that it is scaled to [px].
+            restarts: Counts how often steps begin anew, by the reason.
+            stage: The filters that events go through, of the whole image.
+        """
         self.decoder = Decoder(parameters.stamp_tolerance_ns)
         self._restarts = restarts
+        self._stage = stage
         self._crop, self._size = crop, (width, height)
         self._one_per_pixel = parameters.one_per_pixel
         self._pause_s = parameters.longest_pause_s
@@ -202,16 +214,18 @@ class StepBinning:
         # A camera's time may go back a little from packet to packet.
         times_ns = np.maximum(self._stamped(events['t']), self._latest_ns)
         self._latest_ns = int(times_ns[-1])
-        scaled = events.copy()
-        scaled['t'] = times_ns
+        stamped = events.copy()
+        stamped['t'] = times_ns
+        passed = self._stage.filter(stamped)
+        times_ns = passed['t']
         steps: list[SensorStep] = []
         begin = 0
         while self._latest_ns >= self._end_ns:
             end = int(np.searchsorted(times_ns, self._end_ns))
-            self._gathered.append(scaled[begin:end])
+            self._gathered.append(passed[begin:end])
             steps.append(self._complete())
             begin = end
-        self._gathered.append(scaled[begin:])
+        self._gathered.append(passed[begin:])
         return steps
 
     def _stamped(self, t_ns: Any) -> Any:
@@ -235,6 +249,7 @@ class StepBinning:
         self._offset_ns = begin_ns - t_ns
         self._latest_ns, self._end_ns = begin_ns, begin_ns + STEP_NS
         self._gathered = []
+        self._stage.reset()
 
     def _complete(self) -> SensorStep:
         events = no_events()

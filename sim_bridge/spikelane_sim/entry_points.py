@@ -6,12 +6,17 @@ colcon. Where both are on the path, what both register counts once.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+import functools
 from importlib.metadata import entry_points, EntryPoint
+from typing import TypeVar
 
 from spikelane_sim.errors import ParameterError
 
 #: The distribution that has all of our packages.
 _DISTRIBUTION = 'spikelane'
+
+KindT = TypeVar('KindT')
 
 
 def registered(group: str, own: str = '') -> list[EntryPoint]:
@@ -34,6 +39,55 @@ def registered(group: str, own: str = '') -> list[EntryPoint]:
         )
     order = sorted(found, key=lambda key: (key[0] != own, key[1], key[0]))
     return [found[key] for key in order]
+
+
+@functools.cache
+def loaded(group: str, kind: type[KindT], own: str = '') -> Mapping[str, KindT | str]:
+    """Return what the entry points of a group name.
+
+    Args:
+        group: As in `registered`.
+        kind: What each must be.
+        own: As in `registered`.
+
+    Returns:
+        All by name; for one that cannot be had, the reason.
+
+    Raises:
+        ParameterError: As in `registered`.
+    """
+    found: dict[str, KindT | str] = {}
+    for point in registered(group, own):
+        try:
+            value = point.load()
+        # Another package's module can raise anything; one that calls sys.exit must not end us.
+        except (Exception, SystemExit) as error:
+            found[point.name] = f'expected {point.value}, got {error!r:.200}'
+        else:
+            is_kind = isinstance(value, kind)
+            found[point.name] = (
+                value if is_kind else f'expected {kind.__name__}, got {value!r:.200}'
+            )
+    return found
+
+
+def known(what: str, found: Mapping[str, KindT | str], name: str) -> KindT:
+    """Return what has a name.
+
+    Args:
+        what: The parameter that gives the name, for the message.
+        found: What `loaded` has returned.
+        name: The name.
+
+    Raises:
+        ParameterError: Nothing has this name, or it cannot be had.
+    """
+    if name not in found:
+        raise ParameterError(f'{what}: expected one of {", ".join(found)}, got {name!r}')
+    value = found[name]
+    if isinstance(value, str):
+        raise ParameterError(f'{what}: {name} cannot be used: {value}')
+    return value
 
 
 def package_of(point: EntryPoint) -> str:

@@ -26,6 +26,7 @@ from spikelane_sim.encoding import (
     StateImageParameters,
 )
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.parameters import MOST_STEPS, parameter
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -89,6 +90,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         render_mode: str | None = None,
         simulator: dict[str, Any] | None = None,
         task: dict[str, Any] | None = None,
+        filters: dict[str, Any] | None = None,
     ) -> None:
         """Build the environment.
 
@@ -99,6 +101,8 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
             render_mode: None, or 'rgb_array': the events of the last step.
             simulator: Parameters of `SimulatorParameters`, as `{'robot.engine': 'kinematic'}`.
             task: Parameters of `TaskParameters`.
+            filters: Parameters of `FilterParameters`, as `{'chain': 'correlation'}`; what
+                events go through before they are observed.
 
         Raises:
             SpikelaneError: Anything is unknown or not allowed.
@@ -112,6 +116,9 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         values = {'course': scenario_course(scenario), 'episode.max_laps': 0} | (simulator or {})
         self._simulator = Simulator(SimulatorParameters.from_mapping(values, 'simulator'))
         camera = self._simulator.parameters.camera
+        self._stage = FilterStage(
+            FilterParameters.from_mapping(filters or {}, 'filters'), camera.width, camera.height
+        )
         self._state_image = StateImage(
             StateImageParameters(width=camera.width, height=camera.height)
         )
@@ -138,7 +145,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         if seed is None and self._last is None:
             seed = int(self.np_random.integers(2**31))
         lane = (options or {}).get('lane')
-        self._last = self._simulator.reset(lane, seed)
+        self._last = self._stage.observe(self._simulator.reset(lane, seed))
         self._actions_taken = 0
         self._state_image.clear()
         return self._observation(), self._info(_lane(self._last))
@@ -152,7 +159,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         self._check_open('step')
         wheels = self._wheels(action)
         for _ in range(self._task.steps_per_action):
-            self._last = self._simulator.step(wheels)
+            self._last = self._stage.observe(self._simulator.step(wheels))
             self._state_image.add(self._last.events)
             if _lane(self._last).terminated:
                 break

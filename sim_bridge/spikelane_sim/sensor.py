@@ -9,15 +9,17 @@ another size and a clock of its own:
 2. The sensor's time is counted from the first event, and that from its packet's stamp: event at
    t_0 in a packet stamped s_0, so an event at t is at s_0 + t - t_0. (If packets with time words
    but without events come first, t_0 is the time that the first of them tells.)
-3. A part of the image, in the shape that is wanted and as large as it fits in the middle unless
+3. Filters (`filters`) let some of the events pass, of the whole image and in the camera's own
+   resolution. A simulator's events go through them, too.
+4. A part of the image, in the shape that is wanted and as large as it fits in the middle unless
    another one is asked for, is scaled: column x becomes floor((x - left) width / crop_width), row
    y likewise. What is outside is left out.
-4. Step k has the events from s_0 + 50 k to s_0 + 50 (k + 1) ms, and that end for its stamp. It is
+5. Step k has the events from s_0 + 50 k to s_0 + 50 (k + 1) ms, and that end for its stamp. It is
    complete when the sensor's time has reached its end, which an event tells, or a time word of
    evt3 or libcaer_cmp without events. Steps without events are steps too, so that a controller
    goes on answering before a still scene. Where no packet comes at all there are no steps: the
    controller does not answer, and what it answered last holds for as long as the robot lets it.
-5. Only the first of a pixel's events in a step is kept, since the simulated pixel that
+6. Only the first of a pixel's events in a step is kept, since the simulated pixel that
    controllers are made for fires at most once in a step.
 
 All this begins anew, and what is gathered of a step is dropped, where
@@ -40,9 +42,10 @@ import numba
 from spikelane_sim.binning import Crop, find_crop, SensorParameters, SensorStep, StepBinning
 from spikelane_sim.codecs import decode_packet, DecodedPacket
 from spikelane_sim.codecs.payload import Buffer, check_packet
-from spikelane_sim.contract import STEP_NS
+from spikelane_sim.contract import LaneState, STEP_NS
 from spikelane_sim.errors import PacketError, ParameterError
 from spikelane_sim.events import Events, no_events
+from spikelane_sim.filters import FilterParameters, FilterStage
 
 
 class ReceivedPacket(NamedTuple):
@@ -80,6 +83,7 @@ class Sensor:
     def __init__(
         self,
         parameters: SensorParameters | None = None,
+        filters: FilterParameters | None = None,
         *,
         width: int = 128,
         height: int = 128,
@@ -93,6 +97,7 @@ class Sensor:
 
         Args:
             parameters: How packets become steps.
+            filters: What events go through; None for no filter.
             width: Columns of the image that is wanted [px].
             height: Rows of the image that is wanted [px].
             has_lane: Whether lane states come with the packets, as from a simulator.
@@ -113,6 +118,9 @@ class Sensor:
         self._size = (width, height)
         self._has_lane, self._any_size, self._sums_events = has_lane, any_size, sums_events
         self._on_fault, self._on_loss = on_fault, on_loss
+        self._filters = filters or FilterParameters()
+        self._stage = FilterStage(FilterParameters(), width, height)  # until a packet has come
+        self._stage_size: tuple[int, int] | None = None
         self._source = ('', 0, 0)  # encoding, width, height
         self._stamp_ns = self._sequence = 0
         self._binning: StepBinning | None = None
@@ -125,8 +133,18 @@ class Sensor:
         self.is_camera: bool | None = None
 
     @property
+    def events_in(self) -> int:
+        """Events that came to the filters."""
+        return self._stage.events_in
+
+    @property
+    def events_out(self) -> int:
+        """Events that the filters let pass."""
+        return self._stage.events_out
+
+    @property
     def unfinished_events(self) -> int:
-        """Events after the last complete step, before cropping; no step has them yet."""
+        """Events after the last complete step, filtered, not cropped; no step has them yet."""
         return 0 if self._binning is None else self._binning.unfinished_events
 
     @property
@@ -161,12 +179,18 @@ class Sensor:
             notes['restarts'] = f"the camera's steps restarted (count: {self.restarts}): {reasons}"
         return notes
 
-    def add(self, packet: ReceivedPacket) -> list[SensorStep]:
+    def add(self, packet: ReceivedPacket, lane: LaneState | None = None) -> list[SensorStep]:
         """Take the next packet; return the steps that are complete with it.
 
+        Args:
+            packet: The packet.
+            lane: The lane state that came with it, which tells the filters where an episode
+                begins; None where there is none.
+
         Raises:
-            ParameterError: The part of the image asked for is not inside this camera's, or a
-                simulator's image has not the size that is wanted.
+            ParameterError: The part of the image asked for is not inside this camera's, a
+                simulator's image has not the size that is wanted, or a filter cannot be made for
+                images of this size.
         """
         reason = self._reason_to_begin(packet)
         if reason is not None:
@@ -177,6 +201,7 @@ class Sensor:
             self._lose(packet.sequence - self._sequence - 1)
         self._stamp_ns, self._sequence = max(packet.stamp_ns, self._stamp_ns), packet.sequence
         self.packets += 1
+        self._stage.begin_if_new(lane)
         if self._binning is None:
             steps = self._simulator_steps(packet)
         else:
@@ -215,13 +240,27 @@ class Sensor:
             crop = Crop(0, 0, 1, 1)
             if has_size:
                 crop = find_crop(packet.width, packet.height, self.parameters, *self._size)
-            self._binning = StepBinning(self.parameters, crop, *self._size, self._restarts)
-        elif has_size and size != self._size and not self._any_size:
+            self._make_stage(size if has_size else self._size)
+            self._stage.reset()
+            self._binning = StepBinning(
+                self.parameters, crop, *self._size, self._restarts, self._stage
+            )
+            return
+        if has_size and size != self._size and not self._any_size:
             raise ParameterError(
                 f"event packets: expected a simulator's image of {self._size[0]} x "
                 f'{self._size[1]} px, as the controller wants, got {size[0]} x {size[1]} px; '
                 "only a camera's is scaled"
             )
+        self._make_stage(size if has_size else self._size)
+
+    def _make_stage(self, size: tuple[int, int]) -> None:
+        """Make the filters for images of this size, unless they are for it already."""
+        if size == self._stage_size:
+            return
+        before, self._stage_size = self._stage, size
+        self._stage = FilterStage(self._filters, *size)
+        self._stage.events_in, self._stage.events_out = before.events_in, before.events_out
 
     def _lose(self, count: int) -> None:
         self.lost += count
@@ -231,7 +270,8 @@ class Sensor:
 
     def _simulator_steps(self, packet: ReceivedPacket) -> list[SensorStep]:
         decoded = self._decoded(decode_packet, packet)
-        return [SensorStep(packet.stamp_ns, no_events() if decoded is None else decoded.events)]
+        events = no_events() if decoded is None else self._stage.filter(decoded.events)
+        return [SensorStep(packet.stamp_ns, events)]
 
     def _camera_steps(self, binning: StepBinning, packet: ReceivedPacket) -> list[SensorStep]:
         decoded = self._decoded(binning.decoder.decode_packet, packet)

@@ -32,7 +32,6 @@ from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import Controller, Observation, sensors_of, WheelEncoders
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
@@ -132,7 +131,7 @@ class ControllerNode(Node):
         cls = controller_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._image_size = image_size(parameters)
-        warm_up(cls(parameters), self._image_size)
+        warm_up(cls(parameters), self._image_size, self._settings.filter)
         return cls(parameters)
 
     def _make_sensor(self) -> Sensor:
@@ -140,6 +139,7 @@ class ControllerNode(Node):
         width, height = self._image_size
         return Sensor(
             self._settings.sensor,
+            self._settings.filter,
             width=width,
             height=height,
             has_lane=self._settings.use_lane_state,
@@ -292,21 +292,20 @@ class ControllerNode(Node):
             self._send_answer()
             return
         self._seen = identity
-        for step in self._sensor.add(messages.received_packet(packet)):
+        state = None if lane is None else messages.lane_state_from_message(lane)
+        for step in self._sensor.add(messages.received_packet(packet), state):
             with self._lock:
                 if self._is_halted:
                     return
-                self._step(lane, step.events, step.stamp_ns)
+                self._step(Observation(step.stamp_ns, step.events, state, self._encoders))
                 self._lane = lane
                 self._is_answered, self._is_sent = True, False
                 self._steps += 1
                 self._publish_answer()
 
-    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
-        lane_state = None if lane is None else messages.lane_state_from_message(lane)
-        observation = Observation(stamp_ns, events, lane_state, self._encoders)
+    def _step(self, observation: Observation) -> None:
         self._answer.left, self._answer.right = self._host.step(observation)
-        self._answer.header.stamp = conversions.to_time(stamp_ns)
+        self._answer.header.stamp = conversions.to_time(observation.stamp_ns)
 
     def _report_fault(self, reason: str) -> None:
         self.get_logger().error(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rclpy.qos import ReliabilityPolicy
 
 from spikelane_sim.binning import SensorParameters
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import nested, parameter, Parameters
 
 RELIABILITIES = {
@@ -47,3 +48,4 @@ class ControllerNodeParameters(Parameters):
         choices=tuple(RELIABILITIES),
     )
     sensor: SensorParameters = nested(SensorParameters)
+    filter: FilterParameters = nested(FilterParameters)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import time
 from typing import NamedTuple
 
 from rclpy.clock import Clock, ClockType
@@ -22,6 +23,14 @@ class Counts(NamedTuple):
     event_packets: int = 0
     lane_states: int = 0
     steps: int = 0
+
+
+class _Events(NamedTuple):
+    """Events at the filters until some time."""
+
+    time_s: float
+    came: int
+    passed: int
 
 
 class ControllerDiagnostics:
@@ -49,6 +58,7 @@ class ControllerDiagnostics:
         self._said: dict[str, tuple[str, int]] = {}  # notes of the sensor, and when [periods]
         self._periods = 0
         self._faults: dict[str, int] = {}  # at the last message
+        self._events = _Events(time.monotonic(), 0, 0)  # likewise
         self._status = StatusPublisher(node, node.get_name())
         self._waiting = WaitingWarnings(node, lambda: counts().steps, lacks)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -78,11 +88,24 @@ class ControllerDiagnostics:
             {
                 **self._counts()._asdict(),
                 'waiting_s': self._waiting.idle_s,
+                **self._event_counts(),
                 'source': {None: '', True: 'camera', False: 'simulator'}[self._sensor.is_camera],
                 **self._faults,
             },
             is_worrying=is_waiting or has_new_faults,
         )
+
+    def _event_counts(self) -> dict[str, float]:
+        """Return how many events came to the filters and passed, and how many a second lately."""
+        sensor, before = self._sensor, self._events
+        self._events = now = _Events(time.monotonic(), sensor.events_in, sensor.events_out)
+        seconds = max(now.time_s - before.time_s, 1e-9)
+        return {
+            'events_in': now.came,
+            'events_out': now.passed,
+            'events_in_per_s': round((now.came - before.came) / seconds, 1),
+            'events_out_per_s': round((now.passed - before.passed) / seconds, 1),
+        }
 
     def _count_faults(self) -> dict[str, int]:
         sensor = self._sensor

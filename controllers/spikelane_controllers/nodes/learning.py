@@ -25,9 +25,8 @@ from spikelane_controllers.nodes.controller import ControllerNode
 from spikelane_controllers.registry import controller_class, training_class
 from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages, topic_names
-from spikelane_sim.contract import Controller
+from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.events import Events
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.parameters import parameter, Parameters
@@ -93,6 +92,7 @@ class LearningNode(ControllerNode):
             'controller': name,
             'seed': self._settings.seed,
             name: driver.parameters.to_dict(),
+            'filter': self._settings.filter.chosen(),
             'save_every': parameters.save_every,
         }
         folder = Path(settings.output)
@@ -156,13 +156,13 @@ class LearningNode(ControllerNode):
     def _is_done(self) -> bool:
         return self._training is not None and self._training.is_done
 
-    def _step(self, lane: LaneState | None, events: Events, stamp_ns: int) -> None:
-        super()._step(lane, events, stamp_ns)
+    def _step(self, observation: Observation) -> None:
+        super()._step(observation)
         if self._training is None:
             return
         observed = self._steps + 1  # this one included
         if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.get_subscription_count():
-            self._publish_weights(self._driver, stamp_ns)
+            self._publish_weights(self._driver, observation.stamp_ns)
         if self._training.needs_reset:
             # Its answer is not waited for: the first observation comes by itself.
             self._client.call_async(Reset.Request(lane='', seed=-1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
 from spikelane.runs.transport import check_transport
@@ -13,6 +14,7 @@ from spikelane_sim.camera import CameraParameters
 from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -40,6 +42,8 @@ class RunConfig:
             value = getattr(self, field.name)
             if field.name != 'given':
                 values |= value if isinstance(value, Mapping) else {field.name: value}
+        if isinstance(filters := values.get('filter'), FilterParameters) and not filters.names:
+            del values['filter']  # a run without filters is what it was before there were any
         if 'controller_parameters' in values:
             values[values['controller']] = values.pop('controller_parameters')
         return {
@@ -59,6 +63,7 @@ class Configuration(RunConfig):
         transport: One of TRANSPORTS.
         simulator: Its parameters.
         controller_parameters: Parameters of the controller's own class.
+        filter: What events go through before the controller is given them.
     """
 
     scenario: str
@@ -67,6 +72,7 @@ class Configuration(RunConfig):
     transport: str
     simulator: SimulatorParameters
     controller_parameters: Parameters
+    filter: FilterParameters
 
     def check(self) -> None:
         """Make sure that there is what drives.
@@ -87,6 +93,7 @@ class ConfigurationParts(TypedDict):
     transport: str
     simulator: SimulatorParameters
     controller_parameters: Parameters
+    filter: FilterParameters
 
 
 def configure(
@@ -104,8 +111,8 @@ def configure(
         controller: As in Configuration.
         seed: As in Configuration.
         transport: As in Configuration.
-        parameters: Others than the defaults, as `simulator.camera.fov_deg` and
-            `braitenberg.poisson.max_rate_hz`.
+        parameters: Others than the defaults, as `simulator.camera.fov_deg`,
+            `braitenberg.poisson.max_rate_hz` and `filter.chain`.
         others: Names of further groups that parameters may be in; they are left to the caller.
 
     Raises:
@@ -117,6 +124,7 @@ def configure(
         {
             'simulator': {'course': scenario_course(scenario)},
             controller: {},
+            'filter': {},
             **{name: {} for name in others},
         },
     )
@@ -131,7 +139,23 @@ def configure(
         'transport': transport,
         'simulator': simulator,
         'controller_parameters': controller_parameters,
+        'filter': configured_filters(groups['filter']),
     }
+
+
+def configured_filters(given: Mapping[str, Any]) -> FilterParameters:
+    """Make the parameters of filters, by name; nodes need not run in this folder.
+
+    Raises:
+        ParameterError: Anything is unknown or not allowed.
+    """
+    filters = FilterParameters.from_mapping(given, 'filter')
+    masks = {
+        name: str(Path(value).absolute())
+        for name, value in filters.to_dict().items()
+        if name.endswith('.file') and value
+    }
+    return FilterParameters.from_mapping(filters.to_dict() | masks) if masks else filters
 
 
 def _check_image(camera: CameraParameters, controller: str, parameters: Parameters) -> None:

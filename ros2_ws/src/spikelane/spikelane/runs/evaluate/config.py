@@ -66,6 +66,7 @@ class EvaluateConfig(Configuration):
                         transport=self.transport,
                         simulator=simulator,
                         controller_parameters=self.controller_parameters,
+                        filter=self.filter,
                     )
                     length_m = course.lane(lane).length_m
                     yield LapOfEvaluation(f'{prefix}{lane}-seed{seed}', config, length_m)

@@ -80,6 +80,7 @@ def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
             lane=config.lane,
             seed=config.seed,
             controller_seed=config.seed,
+            filters=config.filter,
         )
         wall_time_s = time.perf_counter() - start_s
     total = sum_operations(operations) if operations else None

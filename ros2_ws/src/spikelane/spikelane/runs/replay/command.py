@@ -16,6 +16,8 @@ from spikelane.runs.replay.metrics import unmeasured
 from spikelane.runs.replay.run import replay, report_replay
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
+from spikelane_sim.parameters import Parameters
 from spikelane_sim.parsing import parse_json
 
 
@@ -140,16 +142,25 @@ def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> d
     """Return the parameters of what drove, where a bag's facts give them and it answers again."""
     if options.controller != said.get('controller'):
         return {}
+    own = _recorded_group(
+        said, 'parameters', controller_class(options.controller).parameters_class
+    )
+    if options.scenario is not None:  # asks for its weights
+        own.pop('checkpoint', None)
+    filters = _recorded_group(said, 'filter', FilterParameters)
+    return {f'{options.controller}.{name}': value for name, value in own.items()} | {
+        f'filter.{name}': value for name, value in filters.items()
+    }
+
+
+def _recorded_group(said: dict[str, str], name: str, cls: type[Parameters]) -> dict[str, Any]:
+    """Return parameters of a class that a bag's facts give, under its names alone."""
     try:
-        values = dict(parse_json(said.get('parameters', '{}')))
+        values = dict(parse_json(said.get(name, '{}')))
     except (TypeError, ValueError):
         return {}
-    if options.scenario is not None:  # asks for its weights
-        values.pop('checkpoint', None)
-    known = {spec.name for spec in controller_class(options.controller).parameters_class.specs()}
-    return {
-        f'{options.controller}.{name}': value for name, value in values.items() if name in known
-    }
+    known = {spec.name for spec in cls.specs()}
+    return {name: value for name, value in values.items() if name in known}
 
 
 def _summary(result: dict[str, Any]) -> str:

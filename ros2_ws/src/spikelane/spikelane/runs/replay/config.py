@@ -10,6 +10,7 @@ from typing import Any
 from spikelane.runs.configuration import (
     check_seed,
     configured_controller,
+    configured_filters,
     parameter_groups,
     RunConfig,
 )
@@ -20,6 +21,7 @@ from spikelane_sim.contract import (
     sensors_of,
 )
 from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import Parameters
 
 
@@ -36,6 +38,7 @@ class ReplayConfig(RunConfig):
         use_lane_state: Whether the controller is given lane states, and reset by them.
         controller_parameters: Parameters of the controller's own class.
         sensor: How event packets become steps.
+        filter: What events go through before that.
     """
 
     bag: Path
@@ -46,6 +49,7 @@ class ReplayConfig(RunConfig):
     use_lane_state: bool
     controller_parameters: Parameters
     sensor: SensorParameters
+    filter: FilterParameters
 
     @property
     def usual_name(self) -> str:
@@ -76,8 +80,8 @@ def make_config(
     Args:
         bag: Folder or file.
         controller: Name in the controllers' registry.
-        parameters: Others than the defaults, as `braitenberg.poisson.max_rate_hz` and
-            `sensor.crop_left`.
+        parameters: Others than the defaults, as `braitenberg.poisson.max_rate_hz`,
+            `sensor.crop_left` and `filter.chain`.
         scenario: Whose shipped weights a controller has that learns.
         seed: Seed of the controller's randomness.
         events_topic: Where the events are from; None for the usual topic.
@@ -89,7 +93,8 @@ def make_config(
     load_course(scenario_course(scenario))  # refuses one that is not there
     cls = controller_class(controller).parameters_class
     groups = parameter_groups(
-        {**default_weights(scenario, controller), **parameters}, {controller: {}, 'sensor': {}}
+        {**default_weights(scenario, controller), **parameters},
+        {controller: {}, 'sensor': {}, 'filter': {}},
     )
     check_seed(seed)
     return ReplayConfig(
@@ -102,6 +107,7 @@ def make_config(
         use_lane_state=use_lane_state,
         controller_parameters=cls.from_mapping(groups[controller], controller),
         sensor=SensorParameters.from_mapping(groups['sensor'], 'sensor'),
+        filter=configured_filters(groups['filter']),
     )
 
 

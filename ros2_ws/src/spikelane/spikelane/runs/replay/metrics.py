@@ -204,8 +204,8 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         source: 'simulator' or 'camera', as the packets were taken.
         packets, lost_packets, faulty_packets: Event packets read, missing, not decodable.
         reserved_words, events_outside, events_mistimed, restarts: As `Sensor` counts them.
-        events: Events decoded: on, off, sum_x and sum_y of their coordinates; kept: those that
-            are left after cropping.
+        events: Events decoded: on, off, sum_x and sum_y of their coordinates; passed: those that
+            the filters let pass; kept: those that are left after cropping.
         unfinished: packets after the one that completed the last step, and events after that
             step; nothing answers them.
         notes: What is missing, damaged or out of order.
@@ -237,7 +237,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
             'packets': sensor.unfinished_packets,
             'events': sensor.unfinished_events,
         },
-        'events': {**counts, 'kept': sensor.events_in_steps},
+        'events': {**counts, 'passed': sensor.events_out, 'kept': sensor.events_in_steps},
         'notes': notes,
     }
 

@@ -73,8 +73,8 @@ def replay(
         encoders = recorded.encoders if has_encoders else None
         start_s = time.perf_counter()
         new = []
-        for step in sensor.add(recorded.packet):
-            lane = recorded.lane if has_lane else None
+        lane = recorded.lane if has_lane else None
+        for step in sensor.add(recorded.packet, lane):
             wheels = host.step(Observation(step.stamp_ns, step.events, lane, encoders))
             new.append((step, wheels))
         seconds = time.perf_counter() - start_s
@@ -111,7 +111,14 @@ def make_sensor(config: ReplayConfig, drive: RecordedDrive) -> Sensor:
     """
     width, height = image_size(config.controller_parameters)
     has_lane = drive.has_lane and config.use_lane_state
-    return Sensor(config.sensor, width=width, height=height, has_lane=has_lane, sums_events=True)
+    return Sensor(
+        config.sensor,
+        config.filter,
+        width=width,
+        height=height,
+        has_lane=has_lane,
+        sums_events=True,
+    )
 
 
 def report_replay(

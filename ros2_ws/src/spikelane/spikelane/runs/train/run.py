@@ -29,6 +29,7 @@ from spikelane_controllers.registry import (
 )
 from spikelane_sim.contract import controller_rng, sensors_of
 from spikelane_sim.files import write_text_atomically
+from spikelane_sim.filters import FilterStage
 from spikelane_sim.simulator import Simulator
 
 
@@ -76,6 +77,8 @@ def train(
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
     sensors = sensors_of(controller_class(config.controller))
     with Simulator(config.simulator, sensors=sensors) as simulator:
+        camera = config.simulator.camera
+        stage = FilterStage(config.filter, camera.width, camera.height)
         lane, episode = training.start
         observation = simulator.reset(lane, config.seed, episode=episode)
         while not training.is_done:
@@ -83,7 +86,7 @@ def train(
             assert state is not None  # a simulator always knows it
             if state.step == 0:
                 training.reset(controller_rng(config.seed, state.episode))
-            wheels = training.step(observation)
+            wheels = training.step(stage.observe(observation))
             show(training.steps, state.progress_m)
             check()
             observation = simulator.reset() if state.terminated else simulator.step(wheels)
@@ -134,7 +137,8 @@ def _identity(config: TrainConfig) -> dict[str, Any]:
     """Return what must be the same to go on with a training: all but where and how long."""
     values = config.to_dict()
     del values['transport'], values['training']
-    return {**values, 'save_every': config.training.save_every}
+    # Without filters this is what it was before there were any.
+    return {**values, 'filter': config.filter.chosen(), 'save_every': config.training.save_every}
 
 
 def _write_episodes(

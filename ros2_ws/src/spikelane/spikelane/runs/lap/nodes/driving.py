@@ -133,7 +133,10 @@ def node_parameters(
         | both
         | windows['simulator']
         | {'autostart': False},
-        config.controller: config.controller_parameters.to_dict() | both | windows['controller'],
+        config.controller: config.controller_parameters.to_dict()
+        | config.filter.node_parameters()
+        | both
+        | windows['controller'],
         'recorder': {
             'output': str(folder.bag.absolute()),
             'topics': list(recorded_topics(config.controller)),
@@ -142,6 +145,11 @@ def node_parameters(
                 f'controller={config.controller}',
                 f'scenario={config.scenario}',
                 f'parameters={json.dumps(config.controller_parameters.to_dict())}',
+                *(
+                    [f'filter={json.dumps(filters)}']
+                    if (filters := config.filter.chosen())
+                    else []
+                ),
             ],
         },
     }

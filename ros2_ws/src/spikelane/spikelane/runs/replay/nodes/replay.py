@@ -28,6 +28,7 @@ from spikelane_sim import messages, topic_names
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_json
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
@@ -65,6 +66,7 @@ class ReplayNodeParameters(Parameters):
         1, 'Subscribers event_camera/events must have before the first packet.', low=1, high=1000
     )
     sensor: SensorParameters = nested(SensorParameters)
+    filter: FilterParameters = nested(FilterParameters)
 
 
 class ReplayNode(Node):
@@ -85,7 +87,11 @@ class ReplayNode(Node):
         self._has_lane = self._drive.has_lane and settings.use_lane_state
         # Only when which step is complete matters here, not what is seen in it.
         self._sensor = Sensor(
-            settings.sensor, has_lane=self._has_lane, any_size=True, sums_events=True
+            settings.sensor,
+            settings.filter,
+            has_lane=self._has_lane,
+            any_size=True,
+            sums_events=True,
         )
         self._packets: Iterator[DrivePacket] = self._drive.packets()
         self._next: DrivePacket | None = next(self._packets, None)
@@ -173,7 +179,7 @@ class ReplayNode(Node):
         lane = recorded.lane if self._has_lane else None
         # A controller that waits for lane states never answers a packet without one.
         is_answerable = not self._has_lane or lane is not None
-        for step in self._sensor.add(recorded.packet):
+        for step in self._sensor.add(recorded.packet, lane):
             self._answers.append(
                 Answer(
                     step.stamp_ns,

@@ -82,5 +82,8 @@ def node_parameters(config: TrainConfig, folder: RunFolder) -> dict[str, dict[st
     learning = {**config.training.to_dict(), 'output': str(folder.path.absolute()), 'resume': True}
     return {
         'simulator': config.simulator.to_dict() | both | {'autostart': False},
-        config.controller: config.controller_parameters.to_dict() | both | learning,
+        config.controller: config.controller_parameters.to_dict()
+        | config.filter.node_parameters()
+        | both
+        | learning,
     }

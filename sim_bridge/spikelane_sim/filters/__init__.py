@@ -1,0 +1,126 @@
+"""Filters of events: a stage between the camera and what a controller is given.
+
+`filter.chain` names the filters in their order, each of which sees what the one before lets pass.
+By default there are none, and all events pass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from spikelane_sim.contract import LaneState, Observation
+from spikelane_sim.episodes import EpisodeWatch
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.events import Events, make_events
+from spikelane_sim.filters.kind import EventFilter, filter_kind, filter_kinds, FilterKind
+from spikelane_sim.parameters import check_size, parameter, Parameters, with_groups
+
+__all__ = ['FilterParameters', 'FilterStage']
+
+_GROUPS = {
+    name: each.parameters_class
+    for name, each in filter_kinds().items()
+    if isinstance(each, FilterKind)
+}
+_MOST_PIXELS = 2**24  # of an image that is filtered: more would take a gigabyte
+
+
+@dataclass(frozen=True, kw_only=True)
+@with_groups(_GROUPS)
+class FilterParameters(Parameters):
+    """Which filters there are, and the parameters of each, a field with its name."""
+
+    chain: str = parameter(
+        '',
+        'Filters that events go through, in their order, with commas between them: '
+        f'{", ".join(filter_kinds())}; empty: none.',
+    )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The filters in their order."""
+        return tuple(name.strip() for name in self.chain.split(',')) if self.chain else ()
+
+    def chosen(self) -> dict[str, Any] | None:
+        """Return what determines the filters, under dotted names; None where there are none."""
+        return self.to_dict() if self.names else None
+
+    def node_parameters(self) -> dict[str, Any]:
+        """Return them as parameters of a node, none where there are no filters."""
+        return {f'filter.{name}': value for name, value in (self.chosen() or {}).items()}
+
+    def _check_relations(self) -> None:
+        for name in self.names:
+            filter_kind(name)
+        if len(set(self.names)) < len(self.names):
+            raise ParameterError(f'chain: expected each filter once, got {self.chain!r}')
+
+
+class FilterStage:
+    """The filters of one controller's events.
+
+    They forget what they have seen where an episode begins, where time goes back, and where the
+    stage is told to.
+
+    Attributes:
+        events_in: Events that came, since the stage was made.
+        events_out: Events that passed.
+    """
+
+    def __init__(self, parameters: FilterParameters, width: int, height: int) -> None:
+        """Make the filters.
+
+        Args:
+            parameters: Which.
+            width: Columns of the image [px].
+            height: Rows of the image [px].
+
+        Raises:
+            SpikelaneError: A filter cannot be made.
+        """
+        self.events_in = self.events_out = 0
+        if parameters.names:
+            size = {'columns of the image': width, 'rows': height}
+            check_size('pixels whose events are filtered', size, _MOST_PIXELS)
+        self._filters: list[EventFilter] = [
+            filter_kind(name).make(getattr(parameters, name), width, height)
+            for name in parameters.names
+        ]
+        for each in self._filters:  # compiled kernels are loaded before time matters
+            each.passes(make_events([0], 0, 0, 1))
+            each.reset()
+        self._episodes = EpisodeWatch()
+        self._latest_ns: int | None = None
+
+    def reset(self) -> None:
+        """Forget all events."""
+        self._latest_ns = None
+        for each in self._filters:
+            each.reset()
+
+    def observe(self, observation: Observation) -> Observation:
+        """Return a simulator's observation with the events that pass."""
+        self.begin_if_new(observation.lane)
+        return observation._replace(events=self.filter(observation.events))
+
+    def begin_if_new(self, lane: LaneState | None) -> None:
+        """Forget all events if an episode begins with this lane state; None tells nothing."""
+        if lane is not None and self._episodes.begins(lane):
+            self.reset()
+
+    def filter(self, events: Events) -> Events:
+        """Return those of the next events that pass.
+
+        Args:
+            events: Of one packet or step, in the order of time, inside the image, (N,).
+        """
+        self.events_in += len(events)
+        if self._filters and len(events):
+            if self._latest_ns is not None and events['t'][0] < self._latest_ns:
+                self.reset()
+            self._latest_ns = int(events['t'][-1])
+            for each in self._filters:
+                events = events[each.passes(events)]
+        self.events_out += len(events)
+        return events
