@@ -377,3 +377,21 @@ def test_options_that_there_are_not_are_refused(options: dict[str, Any], message
     env = LaneKeepingEnv(simulator={'robot.model': 'kinematic'})
     with pytest.raises(SpikelaneError, match=message):
         env.reset(seed=1, options=options)
+
+
+def test_events_are_filtered_before_they_are_observed() -> None:
+    """Noise alone, of a robot that stands still: without the filter it is seen, with it not."""
+    noise = {'pixels.coppelia.noise_rate_hz': 0.1}
+    counts = []
+    for filters in ({}, {'chain': 'correlation', 'correlation.supporters': 3}):
+        made = make_env(
+            observation='spike_counts', actions='wheels', simulator=noise, filters=filters
+        )
+        made.reset(seed=1)
+        seen = [made.step(np.zeros(2, np.float32))[0].sum() for _ in range(10)]
+        counts.append(sum(seen))
+        made.close()
+    assert counts[0] > 20
+    assert counts[1] == 0
+    with pytest.raises(ParameterError, match=r"filters: filter.chain: .* got 'none'"):
+        make_env(filters={'chain': 'none'})

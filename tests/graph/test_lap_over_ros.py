@@ -273,3 +273,32 @@ def test_a_turtlebot_drives_as_in_process_and_is_described(
     assert '<robot name="turtlebot4">' in said['/robot_description'].data
     camera = said['/tf_static'].transforms[0].transform.translation
     assert (camera.x, camera.y, camera.z) == (0.164, 0.0, 0.2558)
+
+
+def test_filters_act_alike_in_all_transports_and_in_a_replay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a lap with noise: the same file to the last bit, and the bag says what filtered it."""
+    filters = ('correlation', 'refractory')
+    given = [
+        'simulator.pixels.coppelia.noise_rate_hz=3.0',
+        f'filter.chain={",".join(filters)}',
+        'filter.correlation.window_s=0.05',
+        'filter.refractory.period_s=0.04',
+    ]
+    options = [each for one in given for each in ('--param', one)]
+    over = drive_short(tmp_path / 'over', '--transport', 'ros', *options)
+    within = drive_short(tmp_path / 'within', '--transport', 'inprocess', *options)
+    bare = drive_short(tmp_path / 'bare', '--transport', 'inprocess', *options[:2])
+    files = [(lap.folder / 'trajectory.csv').read_bytes() for lap in (over, within, bare)]
+    assert files[0].count(b'\n') == STEPS + 2
+    assert files[0] == files[1]
+    assert files[0] != files[2]
+    assert run(['replay', str(over.bag), '--json', '--out', str(tmp_path / 'replay')]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['agreement'], result['answers']) == (1.0, STEPS + 1)
+    assert result['events']['passed'] < result['events']['on'] + result['events']['off']
+    config = yaml.safe_load((over.folder / 'config.yaml').read_text())
+    assert config['filter']['chain'] == 'correlation,refractory'
+    unfiltered = yaml.safe_load((bare.folder / 'config.yaml').read_text())
+    assert 'filter' not in unfiltered

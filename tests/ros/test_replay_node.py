@@ -5,6 +5,7 @@ from pathlib import Path
 import signal
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from spikelane_msgs.msg import WheelVelocities
 
@@ -33,7 +34,8 @@ def in_process(
 ) -> tuple[list[Answer], dict[str, Any]]:
     """Return the answers of a replay within this process, and what is measured of it."""
     drive = RecordedDrive(bag)
-    result = replay(make_config(bag, controller, {}, seed=seed, **options), drive)
+    parameters = options.pop('parameters', {})
+    result = replay(make_config(bag, controller, parameters, seed=seed, **options), drive)
     return result.answers, summarise(drive, result.answers, result.sensor)
 
 
@@ -157,3 +159,31 @@ def test_a_part_that_no_camera_has_ends_the_controller(graph, camera_bag: Path) 
         controller.log
     )
     assert replaying.stop() == 130
+
+
+def test_a_real_cameras_events_are_filtered_as_in_process(graph, camera_bag: Path) -> None:
+    """Before they are scaled: hardly any is left of a still scene's noise; rates are told."""
+    filters = {'filter.chain': 'refractory,correlation', 'filter.correlation.supporters': 1}
+    said: list[dict[str, str]] = []
+
+    def take(message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            if status.name == 'braitenberg' and int(values.get('events_in', 0)):
+                said.append(values)
+
+    graph.node.create_subscription(DiagnosticArray, '/diagnostics', take, 100)
+    node = {'seed': SEED, 'use_lane_state': 'false', **filters}
+    graph.start('braitenberg', node, '-r', '__ns:=/filtered')
+    how = {'mode': 'realtime', 'rate': 0.5, **filters}
+    process = graph.start('replay', {'bag': camera_bag, **how}, '-r', '__ns:=/filtered')
+    graph.until(lambda: process.status is not None, 'the end of the replay')
+    result = json.loads(process.log.splitlines()[-1])
+    options = {'use_lane_state': False, 'parameters': filters}
+    expected = in_process(camera_bag, 'braitenberg', SEED, **options)[1]
+    assert result['events'] == expected['events']
+    assert expected['events']['passed'] == 3137
+    assert 0 < expected['events']['kept'] <= 3137
+    graph.until(lambda: said and int(said[-1]['events_in']) == 82469, 'the count of all events')
+    assert int(said[-1]['events_out']) == 3137
+    assert any(0 < float(v['events_out_per_s']) < float(v['events_in_per_s']) for v in said)

@@ -442,3 +442,28 @@ def test_the_trainings_own_parameters_are_a_group_like_any_other() -> None:
     known = r'expected simulator\.<name> or rstdp\.<name> or training\.<name>'
     with pytest.raises(ParameterError, match=known):
         training_of(trainings__steps=90)
+
+
+FILTERED: dict[str, Any] = {
+    'simulator.pixels.coppelia.noise_rate_hz': 1.0,
+    'filter.chain': 'correlation',
+    'filter.correlation.window_s': 0.05,
+}
+
+
+def test_a_training_with_filters_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    """In the middle of an episode; other filters, or none, are another training."""
+    train_in(tmp_path / 'whole', config_of(steps=300, **FILTERED))
+    train_in(tmp_path / 'parts', config_of(steps=170, **FILTERED))
+    train_in(tmp_path / 'parts', config_of(steps=300, **FILTERED), resume=True)
+    assert checkpoint_bytes(tmp_path / 'parts') == checkpoint_bytes(tmp_path / 'whole')
+    noise = {name: value for name, value in FILTERED.items() if 'noise' in name}
+    train_in(tmp_path / 'unfiltered', config_of(steps=300, **noise))
+    weights = [
+        make_training(config_of(steps=300, **given), RunFolder(tmp_path / name), resume=True)
+        for name, given in (('whole', FILTERED), ('unfiltered', noise))
+    ]
+    assert (weights[0].controller.weights_pa != weights[1].controller.weights_pa).any()
+    for name, given in (('unfiltered', FILTERED), ('whole', noise)):
+        with pytest.raises(CheckpointError, match=r'expected a training with filter'):
+            train_in(tmp_path / name, config_of(steps=400, **given), resume=True)
