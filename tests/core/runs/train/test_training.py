@@ -439,7 +439,7 @@ def test_the_trainings_own_parameters_are_a_group_like_any_other() -> None:
         training_of(90, training__steps=90)
     with pytest.raises(ParameterError, match=r'training: save_every: .* from 1 .*, got 0'):
         training_of(training__save_every=0)
-    known = r'expected simulator\.<name> or rstdp\.<name> or training\.<name>'
+    known = r'expected simulator\.<name> or rstdp\.<name> or filter\.<name> or training\.<name>'
     with pytest.raises(ParameterError, match=known):
         training_of(trainings__steps=90)
 
