@@ -26,6 +26,7 @@ COMMANDS = {
     'experiment': 'do all runs that a file describes',
     'reproduce': 'do everything the paper reports, and report on it',
     'report': 'write one page on many runs, against the paper',
+    'course': 'check a course, describe it and draw it',
     'check': 'test a controller against the whole contract',
     'view': 'show in the browser what a robot does',
     'node': 'run one node of the graph',

@@ -6,7 +6,9 @@ What takes long to import (matplotlib, and numba with the geometry) is imported 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 import math
+import pathlib
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +20,7 @@ from spikelane_sim.contract import TERMINATED_LANE_LOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
     from spikelane_sim.course import Course, Lane
 
@@ -27,6 +30,8 @@ _STEP_M = 0.05  # between the points of curves and paths
 _SHOULDER_M = 0.06  # of the road beyond its width, so that white edges show
 _NAME_M = 0.31  # from the road's edge to the middle of a section's name
 _CLOSE = 0.1  # of the largest deviation: close to the centre
+_LANE_COLOURS = (style.RIGHT, style.LEFT)
+_SIZE_IN = (7.0, 5.6)
 _SIDE_COLOURS = {1: style.RIGHT, 0: style.INK, -1: style.LEFT}
 
 
@@ -49,6 +54,45 @@ def draw_course(axes: Axes, course: Course, lane: Lane) -> None:
     axes.autoscale_view()
     axes.margins(0.03)
     axes.set_axis_off()
+
+
+def draw_starts(axes: Axes, course: Course) -> list[Line2D]:
+    """Draw where each lane's robots start, as triangles that point in the direction of driving.
+
+    Returns:
+        The triangles, with the lanes' names as their labels.
+    """
+    return [
+        _draw_triangle(axes, lane.start, colour, size=8, label=lane.name)
+        for lane, colour in zip(course.lanes.values(), itertools.cycle(_LANE_COLOURS))
+    ]
+
+
+def draw_course_figure(course: Course, path: pathlib.Path) -> tuple[pathlib.Path, ...]:
+    """Draw a course, the sections of its first lane, and where the robots start on each lane.
+
+    Args:
+        course: The course.
+        path: Ending in .svg or .png; without an ending both are written.
+
+    Returns:
+        The files written.
+
+    Raises:
+        SpikelaneError: The path has another ending, or it cannot be written.
+    """
+    lane = next(iter(course.lanes.values()))
+    with style.settings():
+        figure = style.new_figure(*_SIZE_IN)
+        explanation = f'{lane.name} lane: {lane.length_m:.2f} m'
+        style.write_title(figure, course.name, explanation)
+        axes = figure.add_axes((0.01, 0.08, 0.98, 0.84))
+        draw_course(axes, course, lane)
+        starts = draw_starts(axes, course)
+        for start in starts:
+            start.set(linestyle='none', label=f'start of lane {start.get_label()}')
+        style.write_legend(figure, list(starts))
+        return style.save(figure, path)
 
 
 def draw_path(axes: Axes, trajectory: Trajectory) -> None:
@@ -112,9 +156,20 @@ def _draw_scale(axes: Axes, outside: Floats) -> None:
 
 def _draw_start(axes: Axes, trajectory: Trajectory) -> None:
     """Draw a triangle that points where the robot set out to."""
-    x, y = trajectory.x_m[0], trajectory.y_m[0]
-    degrees = math.degrees(trajectory.heading_rad[0])
-    axes.plot(x, y, marker=(3, 0, degrees - 90), color=style.INK, markersize=9, zorder=5)
+    pose = trajectory.x_m[0], trajectory.y_m[0], trajectory.heading_rad[0]
+    _draw_triangle(axes, pose, style.INK, size=9)
+
+
+def _draw_triangle(
+    axes: Axes, pose: tuple[float, float, float], colour: str, *, size: float, label: str = ''
+) -> Line2D:
+    """Draw a triangle at x, y [m] that points along the heading [rad]."""
+    x, y, heading_rad = pose
+    marker = (3, 0, math.degrees(heading_rad) - 90)
+    [triangle] = axes.plot(
+        x, y, marker=marker, color=colour, markersize=size, zorder=5, label=label
+    )
+    return triangle
 
 
 def _sides(course: Course) -> tuple[Floats, Floats]:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-from spikelane.figures.course_map import draw_course
+from spikelane.figures.course_map import draw_course, draw_starts
 from spikelane_sim import figure_style as style
 from spikelane_sim.course import load_course
 
@@ -38,10 +37,5 @@ def draw_scenarios(path: Path, title: str = '') -> tuple[Path, ...]:
             course = load_course(name)
             draw_course(axes, course, next(iter(course.lanes.values())))
             axes.set_title(words, fontsize=style.NORMAL_PT, weight='bold')
-            for lane, colour in zip(
-                course.lanes.values(), (style.RIGHT, style.LEFT), strict=False
-            ):
-                x, y, heading = lane.start
-                marker = (3, 0, math.degrees(heading) - 90)
-                axes.plot(x, y, marker=marker, color=colour, markersize=8, zorder=5)
+            draw_starts(axes, course)
         return style.save(figure, path)
