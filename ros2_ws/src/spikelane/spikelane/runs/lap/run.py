@@ -7,7 +7,7 @@ from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
-from spikelane.loop import drive_episode
+from spikelane.loop import drive_episode, OnStep
 from spikelane.runs.configuration import configured_controller
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
@@ -16,11 +16,18 @@ from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import Trajectory, TrajectoryRecorder, write_csv
 from spikelane.runs.transport import over_ros
 from spikelane_controllers.operations import Operations, sum_operations
-from spikelane_controllers.registry import controller_class
 from spikelane_controllers.shown import shown_by
-from spikelane_sim.contract import Observation, sensors_of, STEP_S, WheelVelocities
+from spikelane_sim.contract import (
+    Controller,
+    Observation,
+    sensors_of,
+    STEP_S,
+    WheelVelocities,
+)
 from spikelane_sim.course import load_course
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Shows how a lap goes on: steps driven, metres along the lane.
 OnLapProgress = Callable[[int, float], None]
@@ -59,28 +66,54 @@ def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
         config: What to drive.
         show: Called after every step.
     """
+
+    def on_step(observation: Observation, wheels: WheelVelocities) -> None:
+        if observation.lane is not None:
+            show(observation.lane.step, observation.lane.progress_m)
+
+    controller = configured_controller(config)
+    return drive_with(
+        controller, config.simulator, config.filter, config.lane, config.seed, on_step
+    )
+
+
+def drive_with(
+    controller: Controller,
+    parameters: SimulatorParameters,
+    filters: FilterParameters,
+    lane: str,
+    seed: int,
+    on_step: OnStep,
+) -> DrivenLap:
+    """Drive a lap with any controller in this process.
+
+    Args:
+        controller: What drives.
+        parameters: Of the simulator.
+        filters: What events go through before the controller is given them.
+        lane: Name of the lane.
+        seed: Of the simulator's and the controller's randomness.
+        on_step: Called after every step.
+    """
     recorder = TrajectoryRecorder()
     operations: list[Operations] = []
-    controller = configured_controller(config)
-    sensors = sensors_of(controller_class(config.controller))
-    with Simulator(config.simulator, sensors=sensors) as simulator:
+    with Simulator(parameters, sensors=sensors_of(controller)) as simulator:
 
-        def on_step(observation: Observation, wheels: WheelVelocities) -> None:
+        def record(observation: Observation, wheels: WheelVelocities) -> None:
             recorder.append(observation, simulator.robot_state, wheels)
             if (done := shown_by(controller).operations) is not None:
                 operations.append(done)
-            if observation.lane is not None:
-                show(observation.lane.step, observation.lane.progress_m)
+            on_step(observation, wheels)
 
         start_s = time.perf_counter()
         drive_episode(
             simulator,
             controller,
-            on_step,
-            lane=config.lane,
-            seed=config.seed,
-            controller_seed=config.seed,
-            filters=config.filter,
+            record,
+            lane=lane,
+            seed=seed,
+            controller_seed=seed,
+            filters=filters,
         )
         wall_time_s = time.perf_counter() - start_s
     total = sum_operations(operations) if operations else None

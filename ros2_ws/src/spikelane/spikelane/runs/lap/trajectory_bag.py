@@ -11,6 +11,7 @@ from spikelane.runs.lap.step_messages import LaneStates, StepMessages
 from spikelane.runs.lap.trajectory import Trajectory, TrajectoryError
 from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, MessageError, PacketError
+from spikelane_sim.events import Events
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns, wheels_from_message
 
 LANE_STATE = f'/{topic_names.LANE_STATE}'
@@ -19,7 +20,7 @@ WHEELS = f'/{topic_names.WHEELS}'
 EVENTS = f'/{topic_names.EVENTS}'
 
 
-class _Recorded(NamedTuple):
+class Recorded(NamedTuple):
     """A message and when it was recorded."""
 
     topic: str
@@ -45,8 +46,8 @@ def read_trajectory(bag: Path, episode: int | None = None) -> Trajectory:
             between others.
     """
     try:
-        steps = StepMessages(_choose_episode(bag, _read(bag, [LANE_STATE]), episode))
-        for recorded in _read(bag, [ODOMETRY, WHEELS, EVENTS]):
+        steps = StepMessages(_choose_episode(bag, read_messages(bag, [LANE_STATE]), episode))
+        for recorded in read_messages(bag, [ODOMETRY, WHEELS, EVENTS]):
             kind, values_of = _KINDS[recorded.topic]
             steps.add(
                 kind,
@@ -59,7 +60,7 @@ def read_trajectory(bag: Path, episode: int | None = None) -> Trajectory:
         raise BagError(f'{bag}: {error}') from None
 
 
-def _read(bag: Path, topics: Sequence[str]) -> Iterator[_Recorded]:
+def read_messages(bag: Path, topics: Sequence[str]) -> Iterator[Recorded]:
     """Yield the messages on these topics in the order they were recorded.
 
     What a broken file does inside the reader's libraries is not ours to list, so that whatever
@@ -79,16 +80,14 @@ def _read(bag: Path, topics: Sequence[str]) -> Iterator[_Recorded]:
             for connection, log_ns, data in reader.messages(connections=connections):
                 message: Any = reader.deserialize(data, connection.msgtype)
                 stamp_ns = to_stamp_ns(message.header.stamp)
-                yield _Recorded(connection.topic, log_ns, stamp_ns, message)
+                yield Recorded(connection.topic, log_ns, stamp_ns, message)
     except BagError:
         raise
     except Exception as error:
         raise BagError(f'{bag}: cannot be read: {error}') from error
 
 
-def _choose_episode(
-    bag: Path, lane_states: Iterable[_Recorded], episode: int | None
-) -> LaneStates:
+def _choose_episode(bag: Path, lane_states: Iterable[Recorded], episode: int | None) -> LaneStates:
     """Return the lane states of the episode that is meant by `read_trajectory`."""
     episodes = _split_episodes(lane_states)
     driven = [states for states in episodes if len(states) > 1] or episodes
@@ -102,7 +101,7 @@ def _choose_episode(
     return driven[len(numbers) - 1 - numbers[::-1].index(episode)]
 
 
-def _split_episodes(lane_states: Iterable[_Recorded]) -> list[LaneStates]:
+def _split_episodes(lane_states: Iterable[Recorded]) -> list[LaneStates]:
     """Begin an episode wherever its number changes or its steps begin again.
 
     An observation that waits for its answer is sent again to whoever joins then: it counts once.
@@ -131,9 +130,18 @@ def _pose(message: Any) -> tuple[float, ...]:
 
 
 def _count_events(message: Any) -> tuple[int]:
+    return (len(decode_events(message)),)
+
+
+def decode_events(message: Any) -> Events:
+    """Return the events of a packet.
+
+    Raises:
+        PacketError: They cannot be decoded.
+    """
     from spikelane_sim import codecs
 
-    events = codecs.decode(
+    return codecs.decode(
         message.encoding,
         message.events.tobytes(),
         stamp_ns=to_stamp_ns(message.header.stamp),
@@ -141,7 +149,6 @@ def _count_events(message: Any) -> tuple[int]:
         width=message.width,
         height=message.height,
     )
-    return (len(events),)
 
 
 #: By topic: the kind of its messages (`step_messages.WIDTHS`), and what reads their values.
