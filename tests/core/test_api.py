@@ -156,12 +156,14 @@ def test_what_a_run_does_not_have_is_told(training: spikelane.Run, tmp_path: Pat
     """With the file that was expected, and what leaves one."""
     for name, expected in {
         'trajectory': r'expected trajectory\.csv, which a lap leaves, got none',
-        'events': r'expected trajectory\.csv, which a lap leaves, got none',
+        'events': 'expected bag, which a lap that was recorded over ROS leaves, got none',
         'laps': 'expected laps, which an evaluation leaves, got none',
     }.items():
         with pytest.raises(spikelane.RunError, match=f'^{training.folder}: {expected}$'):
             getattr(training, name)
-    with pytest.raises(spikelane.RunError, match="expected a run's folder, got none: config.yaml"):
+    with pytest.raises(
+        spikelane.RunError, match=r"expected a run's folder, got none: config\.yaml"
+    ):
         spikelane.load_run(tmp_path)
     (tmp_path / 'config.yaml').write_text('seed: 1\n')
     with pytest.raises(spikelane.RunError, match=r'that is over, got one without metrics\.json'):

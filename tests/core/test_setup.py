@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 import importlib.util
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
+from packaging.requirements import Requirement
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -436,6 +438,20 @@ def test_every_version_is_pinned() -> None:
         for package, version in requirements(name).items():
             assert version.startswith('==') or package in pins, f'{name}: {package} is not pinned'
             assert not (version and package in pins), f'{name}: {package} is pinned twice'
+
+
+def test_the_lists_are_the_dependencies_of_the_library() -> None:
+    """Those in pyproject.toml, which colcon has put into the packages' metadata."""
+    needed: dict[str, set[str]] = {}
+    for text in metadata.requires('spikelane') or []:
+        requirement = Requirement(text)
+        extra = re.search(r'extra == .(\w+)', str(requirement.marker))
+        needed.setdefault(extra[1] if extra else '', set()).add(requirement.name.lower())
+    # NumPy's version is that of ROS.
+    assert needed[''] == {*requirements('run.txt'), 'numpy', 'setuptools'}
+    assert needed['learn'] == set(requirements('learn.txt'))
+    assert needed['view'] < set(requirements('view.txt'))
+    assert needed['nir'] | needed['ray'] < set(requirements('test.txt'))
 
 
 def test_pybullet_has_one_wheel_for_each_python() -> None:

@@ -44,6 +44,8 @@ env = gymnasium.make('spikelane/LaneKeeping-v0', scenario=2)
 env.reset(seed=3)
 rewards = [env.step(action)[1] for action in (1, 0, 1, 2, 1)]
 env.close()
+laps = spikelane.load_run('runs/lap'), spikelane.drive('braitenberg', engine='kinematic', seed=1)
+assert laps[0].trajectory.equals(laps[1].trajectory)
 assert not {'rclpy', 'torch'} & set(sys.modules)
 print(rewards, file=sys.stderr)
 """

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+import pandas as pd
 import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
+import spikelane
 from spikelane.main import run
 
 pytestmark = pytest.mark.ros
@@ -180,6 +182,17 @@ def test_its_bag_replayed_agrees_exactly(
         name: value for name, value in episode.items() if name != 'episode'
     }
     assert result['mean_abs_distance_m'] == short.result['mean_abs_distance_m']
+
+
+def test_its_tables_are_those_of_the_lap_driven_from_python(short: Lap) -> None:
+    """Events and spikes from the bag, too."""
+    recorded = spikelane.load_run(short.folder)
+    limit = {'simulator.episode.max_steps': STEPS}
+    driven = spikelane.drive('braitenberg', seed=3, engine='kinematic', parameters=limit)
+    for table in ('trajectory', 'events', 'spikes'):
+        pd.testing.assert_frame_equal(getattr(recorded, table), getattr(driven, table))
+    assert len(recorded.events) == short.result['events'] > 0
+    assert len(recorded.spikes) == 2 * (STEPS + 1)
 
 
 def test_learnt_weights_and_parameters_are_in_the_bag(

@@ -233,14 +233,15 @@ def _drive_made(
     watch = _Watch(controller)
     filters = configured_filters(groups['filter'])
     driven = drive_with(controller, parameters, filters, lane, seed, watch)
-    config = {'controller': type(controller).__name__, 'scenario': scenario, 'lane': lane}
-    described = {
-        **config,
+    config = {
+        'scenario': scenario,
+        'controller': type(controller).__name__,
+        'lane': lane,
         'seed': seed,
         'simulator': parameters.to_dict(),
         'filter': filters.chosen(),
     }
-    return Run(None, described, lap_metrics(driven.trajectory, STEP_S), watch.tables(driven))
+    return Run(None, config, lap_metrics(driven.trajectory, STEP_S), watch.tables(driven))
 
 
 class _Watch:
