@@ -116,7 +116,7 @@ def drive(
 
 
 def train(
-    controller: str = 'rstdp',
+    controller: str,
     *,
     scenario: str | int = 1,
     seed: int = 0,
