@@ -19,12 +19,7 @@ from spikelane_sim.contract import (
     WheelVelocities,
 )
 from spikelane_sim.course import scenario_course
-from spikelane_sim.encoding import (
-    count_events,
-    EncodingParameters,
-    StateImage,
-    StateImageParameters,
-)
+from spikelane_sim.env_observations import OBSERVATIONS
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.parameters import MOST_STEPS, parameter
@@ -49,14 +44,18 @@ class TaskParameters(DecisionParameters):
     )
 
 
-class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
+class LaneKeepingEnv(gymnasium.Env[Any, Any]):
     """Keep a robot with an event camera on its lane.
 
     ## Observation space
     `observation='state_image'`: Box(0, 1, (16, 32), uint8), 1 where a cell of 4 x 4 pixels had an
     event in the last ten steps (the deep Q-network's state). `observation='spike_counts'`:
     Box(0, 256, (4, 8), int64), events of the last step in cells of 16 x 16 pixels (the spiking
-    networks' input). Row 0 is the top one. All zeros after a reset.
+    networks' input). `observation='event_image'`: Box(0, 255, (2, 128, 128), uint8), the numbers
+    of ON and OFF events of each pixel in the last ten steps, at most 255, for convolutional
+    networks. `observation='sensors'`: Dict of `events`, the event image, and `wheels`,
+    Box((2,), float32), the velocities that the wheels' encoders measure [rad/s], left and right.
+    Row 0 of an image is the top one. No events after a reset.
 
     ## Action space
     `actions='discrete'`: Discrete(3), 0 left, 1 straight, 2 right. `actions='wheels'`: Box of two
@@ -96,7 +95,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
         Args:
             scenario: The paper's 1, 2 or 3, or the name or path of a course file.
-            observation: 'state_image' or 'spike_counts'.
+            observation: 'state_image', 'spike_counts', 'event_image' or 'sensors'.
             actions: 'discrete' or 'wheels'.
             render_mode: None, or 'rgb_array': the events of the last step.
             simulator: Parameters of `SimulatorParameters`, as `{'robot.engine': 'kinematic'}`.
@@ -107,25 +106,22 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         Raises:
             SpikelaneError: Anything is unknown or not allowed.
         """
-        _check_choice('observation', observation, ('state_image', 'spike_counts'))
+        _check_choice('observation', observation, tuple(OBSERVATIONS))
         _check_choice('actions', actions, ('discrete', 'wheels'))
         if render_mode is not None:
             _check_choice('render_mode', render_mode, ('rgb_array',))
         self.render_mode = render_mode
         self._task = TaskParameters.from_mapping(task or {}, 'task')
         values = {'course': scenario_course(scenario), 'episode.max_laps': 0} | (simulator or {})
-        self._simulator = Simulator(SimulatorParameters.from_mapping(values, 'simulator'))
+        parameters = SimulatorParameters.from_mapping(values, 'simulator')
+        self._observed = OBSERVATIONS[observation](parameters)
+        self._simulator = Simulator(parameters, sensors=self._observed.sensors)
         camera = self._simulator.parameters.camera
         self._stage = FilterStage(
             FilterParameters.from_mapping(filters or {}, 'filters'), camera.width, camera.height
         )
-        self._state_image = StateImage(
-            StateImageParameters(width=camera.width, height=camera.height)
-        )
-        self._cells = EncodingParameters(width=camera.width, height=camera.height)
-        self._is_image = observation == 'state_image'
         self._is_discrete = actions == 'discrete'
-        self.observation_space = self._make_observation_space()
+        self.observation_space = self._observed.space
         self.action_space = self._make_action_space()
         self._last: Observation | None = None
         self._actions_taken = 0
@@ -133,7 +129,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.generic], dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; see the class.
 
         Raises:
@@ -147,10 +143,10 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         lane = (options or {}).get('lane')
         self._last = self._stage.observe(self._simulator.reset(lane, seed))
         self._actions_taken = 0
-        self._state_image.clear()
-        return self._observation(), self._info(_lane(self._last))
+        self._observed.begin(self._last)
+        return self._observed.value(), self._info(_lane(self._last))
 
-    def step(self, action: Any) -> tuple[NDArray[np.generic], float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Hold an action for some steps of 50 ms; see the class.
 
         Raises:
@@ -160,7 +156,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         wheels = self._wheels(action)
         for _ in range(self._task.steps_per_action):
             self._last = self._stage.observe(self._simulator.step(wheels))
-            self._state_image.add(self._last.events)
+            self._observed.add(self._last)
             if _lane(self._last).terminated:
                 break
         assert self._last is not None
@@ -172,7 +168,7 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
         is_lost = lane.reason == TERMINATED_LANE_LOST
         is_truncated = self._actions_taken >= self._task.max_actions
         is_truncated = is_truncated or (lane.terminated and not is_lost)
-        return self._observation(), sum(terms.values()), is_lost, is_truncated, info
+        return self._observed.value(), sum(terms.values()), is_lost, is_truncated, info
 
     def lane_centre_reward(self, distance_m: float) -> float:
         """Return the normal density of the lane distance [m] (paper section 3.3)."""
@@ -207,23 +203,8 @@ class LaneKeepingEnv(gymnasium.Env[NDArray[np.generic], Any]):
             return WheelVelocities(*action.tolist())
         return action_wheels(int(action), self._task)
 
-    def _observation(self) -> NDArray[np.generic]:
-        if self._is_image:
-            return self._state_image.binary
-        assert self._last is not None
-        return count_events(self._last.events, self._cells)
-
     def _info(self, lane: LaneState) -> dict[str, Any]:
         return {'lane_state': lane, 'is_success': lane.reason not in _FAILURES}
-
-    def _make_observation_space(self) -> spaces.Box:
-        if self._is_image:
-            image = self._state_image.parameters
-            return spaces.Box(0, 1, (image.rows, image.columns), np.uint8)
-        cells = self._cells
-        # Only a pixel model that gives several events per pixel and step can exceed cell ** 2.
-        most = cells.cell**2 if self._simulator.parameters.pixels.model == 'coppelia' else 2**31
-        return spaces.Box(0, most, (cells.rows, cells.columns), np.int64)
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._is_discrete:

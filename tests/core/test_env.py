@@ -42,7 +42,7 @@ def env() -> Iterator[LaneKeepingEnv]:
     made.close()
 
 
-@pytest.mark.parametrize('observation', ['state_image', 'spike_counts'])
+@pytest.mark.parametrize('observation', ['state_image', 'spike_counts', 'event_image', 'sensors'])
 @pytest.mark.parametrize('actions', ['discrete', 'wheels'])
 def test_gymnasium_finds_no_fault(observation: str, actions: str) -> None:
     """Its own checks, warnings being errors; the wheels' limit is the robot's, not one."""
@@ -71,6 +71,85 @@ def test_stable_baselines_finds_no_fault(observation: str) -> None:
         warnings.filterwarnings('ignore', message='.*unconventional shape.*')
         stable_baselines.check_env(made)
     made.close()
+
+
+@pytest.mark.parametrize('observation', ['event_image', 'sensors', 'flat'])
+def test_stable_baselines_has_no_advice(observation: str) -> None:
+    """An image, a dictionary, and a vector are what it expects: not one warning."""
+    stable_baselines = pytest.importorskip('stable_baselines3.common.env_checker')
+    if observation == 'flat':
+        made: gymnasium.Env[Any, Any] = gymnasium.wrappers.FlattenObservation(make_env())
+    else:
+        made = make_env(observation=observation)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        stable_baselines.check_env(made)
+    made.close()
+
+
+def test_the_event_image_counts_each_pixel_of_the_last_steps() -> None:
+    """As many events as the cells count, where they are not cropped; ON and OFF apart."""
+    image = make_env(observation='event_image', render_mode='rgb_array')
+    cells = make_env(observation='state_image')
+    image.reset(seed=3)
+    cells.reset(seed=3)
+    for action in (LEFT, STRAIGHT, RIGHT, RIGHT):
+        seen, *_ = image.step(action)
+        binary, *_ = cells.step(action)
+        # Rows 40 to 103 in cells of 4 x 4 pixels.
+        rows = seen.sum(axis=0)[40:104].reshape(16, 4, 32, 4).sum(axis=(1, 3))
+        np.testing.assert_array_equal(rows > 0, binary > 0)
+        last = image.render()  # of the last step alone: red and blue
+        assert (seen[0][last[:, :, 2] == 255] > 0).all()
+        assert (seen[1][last[:, :, 0] == 255] > 0).all()
+    assert seen.max() == 1  # each edge has passed a pixel once
+    several = make_env(observation='event_image', simulator={'pixels.model': 'esim'})
+    several.reset(seed=3)
+    assert several.step(LEFT)[0].max() > 1
+
+
+def test_the_wheels_are_what_the_encoders_measure() -> None:
+    """The kinematic robot's wheels do what they are told; at rest after a reset."""
+    made = make_env(observation='sensors', actions='wheels')
+    first, _ = made.reset(seed=0)
+    np.testing.assert_array_equal(first['wheels'], [0, 0])
+    assert not first['events'].any()
+    seen, *_ = made.step(np.array([1.5, 2.0], np.float32))
+    np.testing.assert_allclose(seen['wheels'], [1.5, 2.0])
+    assert made.observation_space.contains(seen)
+
+
+@pytest.mark.parametrize('observation', ['state_image', 'sensors'])
+def test_environments_in_a_vector_are_as_each_alone(observation: str) -> None:
+    """`make_vec` with other seeds; an episode that is over begins anew by itself."""
+    arguments: dict[str, Any] = {
+        'observation': observation,
+        'simulator': KINEMATIC,
+        'task': {'max_actions': 3},
+    }
+    vector = gymnasium.make_vec('spikelane/LaneKeeping-v0', num_envs=2, **arguments)
+    alone = [LaneKeepingEnv(**arguments) for _ in range(2)]
+    seen, _ = vector.reset(seed=[5, 6])
+    for env, seed in zip(alone, (5, 6), strict=True):
+        env.reset(seed=seed)
+    for _ in range(3):
+        seen, rewards, _, truncated, infos = vector.step(np.array([LEFT, RIGHT]))
+        for index, action in enumerate((LEFT, RIGHT)):
+            expected, reward, _, is_truncated, info = alone[index].step(action)
+            got = (
+                {key: value[index] for key, value in seen.items()}
+                if observation == 'sensors'
+                else seen[index]
+            )
+            np.testing.assert_equal(got, expected)
+            assert rewards[index] == reward
+            assert truncated[index] == is_truncated
+            assert infos['is_success'][index] == info['is_success']
+    assert truncated.all()
+    seen, _, _, truncated, _ = vector.step(np.array([LEFT, RIGHT]))
+    assert not truncated.any()
+    assert not np.any(seen['events'] if observation == 'sensors' else seen)
+    vector.close()
 
 
 def test_it_is_made_by_name() -> None:
@@ -272,7 +351,10 @@ def test_the_picture_shows_the_last_events() -> None:
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        ({'observation': 'pixels'}, "observation: expected state_image or spike_counts, got 'pix"),
+        (
+            {'observation': 'pixels'},
+            "observation: expected state_image or spike_counts or .* got 'pix",
+        ),
         ({'actions': 'speed'}, "actions: expected discrete or wheels, got 'speed'"),
         ({'render_mode': 'human'}, "render_mode: expected rgb_array, got 'human'"),
         ({'scenario': 4}, "course: expected scenario_1, .* got 'scenario_4'"),
