@@ -83,9 +83,21 @@ class SimulatorParameters(Parameters):
         )
 
 
+_ESIM = 'pixels.esim.'
+#: What runs had before there were hot pixels.
+_NO_HOT_PIXELS = {
+    spec.name: spec.default
+    for spec in SimulatorParameters.specs()
+    if spec.name.startswith(f'{_ESIM}hot_')
+}
+
+
 def current_config(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return what determined a run, its simulator's parameters under today's names."""
     values = config.get('simulator')
     if not isinstance(values, Mapping):
         return dict(config)
-    return {**config, 'simulator': SimulatorParameters.current(values)}
+    found = SimulatorParameters.current(values)
+    if any(name.startswith(_ESIM) for name in found):
+        found = {**_NO_HOT_PIXELS, **found}
+    return {**config, 'simulator': found}

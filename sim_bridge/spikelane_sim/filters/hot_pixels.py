@@ -61,9 +61,7 @@ class HotPixelSearchParameters(Parameters):
 class HotPixelParameters(Parameters):
     """The mask of hot pixels."""
 
-    file: str = parameter(
-        '', 'File of the hot pixels, as `spikelane hot_pixels` makes it; needed.'
-    )
+    file: str = parameter('', 'File of the hot pixels, as `spikelane mask` makes it; needed.')
 
 
 def find_hot_pixels(
@@ -87,9 +85,11 @@ def find_hot_pixels(
     return HotPixels(width, height, np.stack([x_px, y_px], axis=1).astype(np.int64))
 
 
-def count_pixels(events: Events, counts: NDArray[np.int64]) -> None:
-    """Add events inside the image, (N,), to the counts of its pixels, (H, W)."""
-    np.add.at(counts, (events['y'], events['x']), 1)
+def count_pixels(events: Events, width: int, height: int) -> NDArray[np.int64]:
+    """Return how many events inside an image each of its pixels has, (H, W)."""
+    pixels = events['y'].astype(np.int64) * width + events['x']
+    counts = np.bincount(pixels, minlength=width * height).astype(np.int64)
+    return counts.reshape(height, width)
 
 
 def write_hot_pixels(path: Path, found: HotPixels) -> None:

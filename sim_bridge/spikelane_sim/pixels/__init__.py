@@ -65,7 +65,9 @@ class PixelParameters(Parameters):
             rates = {'pixels.coppelia.noise_rate_hz': self.coppelia.noise_rate_hz}
         else:
             rates = {
-                'pixels.esim.shot_rate_hz + leak_rate_hz': esim.shot_rate_hz + esim.leak_rate_hz
+                'pixels.esim.shot_rate_hz + leak_rate_hz + hot_share * hot_rate_hz': (
+                    esim.shot_rate_hz + esim.leak_rate_hz + esim.hot_share * esim.hot_rate_hz
+                )
             }
             threshold = min(esim.threshold_on, esim.threshold_off)
             most = math.log1p(1 / esim.dark_intensity) / threshold

@@ -10,6 +10,7 @@ rounded to the nearest microsecond after the step's start.
   the reference moves all the same, as in ESIM.
 - Leak and shot noise events come on top and leave the references alone: a leak event is a
   reference that has drifted by one threshold and comes back by it.
+- Hot pixels, always the same ones of a camera, fire at a rate of their own as well.
 - Latency shifts all events; they come out in the step that holds their shifted time.
 
 Bounds: intensities outside [0, 1] count as 0 or 1 and not-a-number as 0, so L has a range of
@@ -35,7 +36,7 @@ from spikelane_sim.pixels.crossings import (
     write_events,
 )
 from spikelane_sim.pixels.images import check_images, check_times, no_reset
-from spikelane_sim.pixels.noise import draw_leak, draw_shot
+from spikelane_sim.pixels.noise import draw_hot, draw_leak, draw_shot
 
 #: Smallest contrast threshold that the spread can give a pixel (ESIM).
 LEAST_THRESHOLD = 0.01
@@ -98,6 +99,22 @@ class EsimParameters(Parameters):
         high=1.0,
         source=_V2E,
     )
+    hot_share: float = parameter(
+        0.0, 'Share of the pixels that are hot: they fire whatever they see', low=0.0, high=1.0
+    )
+    hot_rate_hz: float = parameter(
+        100.0,
+        'Rate of events of a hot pixel, ON and OFF together',
+        unit='Hz',
+        low=0.0,
+        high=1e4,
+    )
+    hot_seed: int = parameter(
+        0,
+        'Which pixels are hot: those of one camera are the same in all episodes',
+        low=0,
+        high=2**63 - 1,
+    )
     latency_s: float = parameter(
         0.0, 'Delay between light and event, of all events', unit='s', low=0.0, high=0.2
     )
@@ -108,6 +125,7 @@ class EsimPixels:
 
     Attributes:
         pixels: What each pixel is and remembers.
+        hot: The hot pixels, row * width + column, (M,).
         pending: Events of times still to come, in canonical order.
         seen_until_ns: Time of the last image [ns], None before the first one.
     """
@@ -125,6 +143,8 @@ class EsimPixels:
             reference=np.zeros(size),
             last_event_us=np.zeros(size, np.int64),
         )
+        chosen = np.random.default_rng(parameters.hot_seed).permutation(size)
+        self.hot = np.sort(chosen[: round(parameters.hot_share * size)])
         self.pending: Events = no_events()
         self.seen_until_ns: int | None = None
         self._rng: np.random.Generator | None = None
@@ -218,9 +238,11 @@ class EsimPixels:
         seen = self.pixels.intensity
         leak = draw_leak(rng, given.leak_rate_hz, seen.size, start_us, end_us)
         shot = draw_shot(rng, given.shot_rate_hz, given.shot_bright_factor, seen, start_us, end_us)
-        t_us = np.concatenate([leak.t_us, shot.t_us])
-        pixel = np.concatenate([leak.pixel, shot.pixel])
-        return Crossings(t_us * seen.size + pixel, np.concatenate([leak.polarity, shot.polarity]))
+        hot = draw_hot(rng, given.hot_rate_hz, self.hot, start_us, end_us)
+        t_us = np.concatenate([leak.t_us, shot.t_us, hot.t_us])
+        pixel = np.concatenate([leak.pixel, shot.pixel, hot.pixel])
+        polarity = np.concatenate([leak.polarity, shot.polarity, hot.polarity])
+        return Crossings(t_us * seen.size + pixel, polarity)
 
     def _merge(self, count: int, noise: Crossings, start_us: int) -> Events:
         """Return crossings and noise in canonical order, without the refractory ones."""

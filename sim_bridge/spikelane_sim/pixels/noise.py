@@ -1,4 +1,4 @@
-"""Events that no light made: leak and shot noise of a sensor's pixels.
+"""Events that no light made: leak and shot noise of a sensor's pixels, and its hot pixels.
 
 All pixels' noise of a step is drawn at once: a Poisson number for the whole sensor, each event
 then put on any pixel at any time. That is the same as an independent Poisson process per pixel.
@@ -62,6 +62,29 @@ def draw_shot(
     share = 1.0 + (bright_factor - 1.0) * np.clip(intensity[pixel], 0.0, 1.0)
     does_fire = rng.random(len(t_us)) < share
     return NoiseEvents(t_us[does_fire], pixel[does_fire], polarity[does_fire])
+
+
+def draw_hot(
+    rng: np.random.Generator,
+    rate_hz: float,
+    hot: NDArray[np.int64],
+    start_us: int,
+    end_us: int,
+) -> NoiseEvents:
+    """Draw the events of hot pixels, ON as often as OFF.
+
+    Args:
+        rng: Where the numbers come from; nothing is drawn where no pixel is hot.
+        rate_hz: Rate of each hot pixel, ON and OFF together [1/s].
+        hot: The hot pixels, row * width + column, (M,).
+        start_us: Start of the interval, itself excluded [us].
+        end_us: End of the interval, included [us].
+    """
+    if not len(hot):
+        return NoiseEvents(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int8))
+    t_us, which = _draw(rng, rate_hz, len(hot), start_us, end_us)
+    polarity = (2 * rng.integers(0, 2, len(t_us)) - 1).astype(np.int8)
+    return NoiseEvents(t_us, hot[which], polarity)
 
 
 def _draw(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 import pytest
 
 from spikelane.bag.drive import RecordedDrive
-from spikelane_sim.codecs import Decoder
-from spikelane_sim.events import EVENT_DTYPE, Events, make_events
+from spikelane.bag.events import recorded_events
+from spikelane_sim.events import Events, make_events
 from spikelane_sim.filters.correlation import NEAREST_NEIGHBOUR, NearestNeighbourParameters
 from spikelane_sim.filters.hot_pixels import (
     HOT_PIXELS,
@@ -138,21 +138,7 @@ def read_recording(name: str) -> Events:
     """Return the events of a recording, in the sensor's time from its first event on."""
     if not CAMERAS.is_dir():
         pytest.skip(f'no recordings of cameras at {CAMERAS}')
-    decoder = Decoder()
-    found = [np.empty(0, EVENT_DTYPE)]
-    for recorded in RecordedDrive(CAMERAS / name).packets():
-        packet = recorded.packet
-        events = decoder.decode_packet(
-            packet.encoding,
-            packet.data,
-            packet.stamp_ns,
-            packet.time_base_ns,
-            packet.width,
-            packet.height,
-            packet.is_bigendian,
-        ).events
-        found.append(events)
-    events = np.concatenate(found)
+    events = recorded_events(RecordedDrive(CAMERAS / name)).events
     events['t'] -= events['t'][0]
     assert (np.diff(events['t']) >= 0).all()
     return events

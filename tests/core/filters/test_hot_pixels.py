@@ -43,10 +43,9 @@ def test_a_short_recording_has_no_hot_pixels() -> None:
 
 def test_the_events_of_hot_pixels_do_not_pass(tmp_path: Path) -> None:
     """Found, saved, read and applied."""
-    counts = np.zeros((6, 8), np.int64)
-    count_pixels(make_events(np.arange(100), 7, 2, 1), counts)
-    count_pixels(make_events([5, 6], 2, 5, 1), counts)
-    assert counts.sum() == 102
+    events = make_events(np.arange(102), [7] * 100 + [2] * 2, [2] * 100 + [5] * 2, 1)
+    counts = count_pixels(events, 8, 6)
+    assert (counts[2, 7], counts[5, 2], counts.sum()) == (100, 2, 102)
     file = tmp_path / 'hot.json'
     write_hot_pixels(file, find_hot_pixels(counts, 1.0, HotPixelSearchParameters()))
     assert read_hot_pixels(file).pixels.tolist() == [[7, 2]]

@@ -250,3 +250,17 @@ def test_only_the_first_step_may_bring_a_single_image() -> None:
         SpikelaneError, match=r'shape \(10, 1, 1\), got float32 of shape \(1, 1, 1'
     ):
         pixels.step(np.zeros((1, 1, 1), np.float32), STEP_NS, 2 * STEP_NS)
+
+
+def test_hot_pixels_are_a_cameras_own_and_fire_at_their_rate() -> None:
+    """5 of 100 pixels at 200 Hz, the same ones in all episodes; other cameras have others."""
+    places = []
+    for seed, hot_seed in ((1, 7), (2, 7), (1, 8)):
+        pixels = pixels_of(10, 10, seed, hot_share=0.05, hot_rate_hz=200.0, hot_seed=hot_seed)
+        events = np.concatenate(steps(pixels, [FIFTH] * 41))
+        counts = np.bincount(events['y'].astype(int) * 10 + events['x'], minlength=100)
+        assert np.count_nonzero(counts) == 5
+        assert abs(counts.sum() - 2050) < 200  # 2.05 s
+        assert 0.4 < np.mean(events['polarity'] > 0) < 0.6
+        places.append(np.flatnonzero(counts).tolist())
+    assert places[0] == places[1] != places[2]

@@ -22,6 +22,7 @@ COMMANDS = {
     'export': 'write a spiking network in a format that others read',
     'replay': 'let a controller answer a recorded drive, and compare',
     'repair': 'repair a bag whose recorder was killed',
+    'mask': "find a camera's hot pixels in a recording",
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'do all runs that a file describes',
     'reproduce': 'do everything the paper reports, and report on it',

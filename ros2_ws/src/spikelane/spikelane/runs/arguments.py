@@ -17,6 +17,7 @@ from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import parse_yaml, ParseError
 from spikelane_sim.robots.registry import engines, robot_models
+from spikelane_sim.sensor_preset import load_preset, preset_names, preset_parameters
 
 _SHOWN_EVERY_STEPS = 100
 _EXPONENT = re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+')
@@ -49,6 +50,13 @@ def add_configuration_arguments(
         '--engine',
         choices=tuple(engines()),
         help='what moves it: physics, or an ideal differential drive (default: pybullet)',
+    )
+    parser.add_argument(
+        '--preset',
+        metavar='NAME|FILE',
+        help="pixels of a real event camera in the simulator's: "
+        f'{", ".join(preset_names())}, or a file like theirs; --pixels, --antialias and --param '
+        'come before it',
     )
     parser.add_argument(
         '--pixels', choices=('coppelia', 'esim'), help='pixel model (default: coppelia)'
@@ -139,7 +147,19 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
         'simulator.camera.antialias': options.antialias,
     }
     given = {name: value for name, value in flags.items() if value is not None}
-    return parse_parameters(options.param) | given
+    return _preset(options) | parse_parameters(options.param) | given
+
+
+def _preset(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the preset that was given, none without one.
+
+    Raises:
+        ParameterError: It cannot be read.
+    """
+    if options.preset is None:
+        return {}
+    values = preset_parameters(load_preset(options.preset))
+    return {f'simulator.{name}': value for name, value in values.items()}
 
 
 def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
