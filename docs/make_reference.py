@@ -33,6 +33,7 @@ from spikelane_controllers.learning.gathering import GatheringParameters
 from spikelane_controllers.registry import controller_packages, training_names
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.sensor_preset import load_preset, preset_names
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / 'docs/reference'
@@ -297,6 +298,7 @@ def pages(found: Mapping[str, Found], meanings: Mapping[str, Any]) -> dict[str, 
     """Return the pages by file name."""
     texts = {f'{name}.md': _node_page(name, each, meanings) for name, each in found.items()}
     texts['transfer.md'] = _transfer_page()
+    texts['presets.md'] = _presets_page()
     texts['README.md'] = _index(found, meanings)
     return texts
 
@@ -318,7 +320,8 @@ def _index(found: Mapping[str, Found], meanings: Mapping[str, Any]) -> str:
     return (
         f'{_HEAD}# Topics and parameters\n\n{meanings["introduction"]}\n## Nodes\n\n'
         f'{_table(("node", "what it does"), nodes)}\n'
-        'Parameters of `spikelane transfer`, which is no node: [transfer](transfer.md).\n\n'
+        'Parameters of `spikelane transfer`, which is no node: [transfer](transfer.md). Presets '
+        'of event cameras: [presets](presets.md).\n\n'
         f'## Topics\n\n{_table(("topic", "type", "published by", "subscribed to by"), topics)}'
     )
 
@@ -347,6 +350,30 @@ def _transfer_page() -> str:
     for prefix, cls in (('transfer', TransferParameters), ('gathering', GatheringParameters)):
         rows = [row._replace(name=f'{prefix}.{row.name}') for row in ask_parameters(cls)]
         parts.append(f'\n## {prefix.capitalize()}\n\n{_parameter_table(rows)}')
+    return ''.join(parts)
+
+
+def _presets_page() -> str:
+    """Return what the sensor presets set, each value with its source."""
+    presets = {name: load_preset(name) for name in preset_names()}
+    parts = [
+        f'{_HEAD}# Sensor presets\n\n`--preset NAME` gives the simulator these parameters; '
+        '[sensors](../sensors.md) tells how they are used. Basis: *read*, the source was looked '
+        'up for the preset; *measured*, in the recording that is named; *quoted*, from the source '
+        'that is named, which was not looked up again; *assumed* by us.\n'
+    ]
+    for name, preset in presets.items():
+        rows = [
+            [f'`{key}`', f'`{each["value"]}`', each['basis'], each['source']]
+            for key, each in preset['values'].items()
+        ]
+        remarks = ''.join(f'- {remark}\n' for remark in preset['remarks'])
+        parts.append(
+            f'\n## {preset["title"]}: `{name}`\n\n'
+            f'The camera has {preset["width"]} x {preset["height"]} pixels.\n\n'
+            f'{_table(("parameter", "value", "basis", "source"), rows)}'
+            + (f'\n{remarks}' if remarks else '')
+        )
     return ''.join(parts)
 
 

@@ -89,3 +89,14 @@ def test_an_unknown_name_is_refused_with_those_there_are() -> None:
     """A word without an ending is a name."""
     with pytest.raises(ParameterError, match=r"expected one of davis346, .*, got 'davis240'"):
         load_preset('davis240')
+
+
+def test_the_page_has_the_presets_values() -> None:
+    """A row each: size, thresholds, noise."""
+    page = (Path(__file__).parents[2] / 'docs/sensors.md').read_text('utf-8')
+    for name in preset_names():
+        preset = load_preset(name)
+        [row] = [line for line in page.splitlines() if line.startswith(f'| `{name}` |')]
+        assert f'{preset["width"]} x {preset["height"]}' in row
+        for key in ('threshold_on', 'threshold_off', 'threshold_spread', 'shot_rate_hz'):
+            assert f'{preset["values"][f"pixels.esim.{key}"]["value"]:g}' in row

@@ -110,10 +110,12 @@ def _group(members: Sequence[Status]) -> dict[str, Any]:
         if status.folder is not None
     ]
     names = [name for name, value in found[0].items() if _is_measured(name, value)]
+    configuration = members[0].run.identity['configuration']
     group = {
         **_place(members[0]),
         'seeds': [status.run.point.seed for status in members],
-        'simulator': members[0].run.identity['configuration'].get('simulator', {}),
+        'simulator': configuration.get('simulator', {}),
+        **({'filter': configuration['filter']} if 'filter' in configuration else {}),
         'metrics': {
             name: mean_statistics([metrics[name] for metrics in found], None, *_bounds(name))
             for name in names

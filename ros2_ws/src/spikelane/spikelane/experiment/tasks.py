@@ -34,6 +34,7 @@ from spikelane_controllers.registry import (
     transfer_class,
 )
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -221,7 +222,7 @@ def _learns(controller: str) -> bool:
 def controller_groups(controller: str) -> Mapping[str, type[Parameters]]:
     """Return the groups of parameters that there are where a controller drives."""
     own = controller_class(controller).parameters_class
-    return {'simulator': SimulatorParameters, controller: own}
+    return {'simulator': SimulatorParameters, 'filter': FilterParameters, controller: own}
 
 
 TASKS: Mapping[str, Task] = {

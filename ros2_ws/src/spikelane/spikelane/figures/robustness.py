@@ -108,6 +108,7 @@ def _curves(
             continue
         laps = group['laps']['all']
         measured = RobustnessPoint(float(value), laps['completed'], laps['mean_abs_distance_m'])
+        rest['filter'] = group.get('filter')
         key = group['controller'], json.dumps(rest, sort_keys=True)
         found.setdefault(key, []).append(measured)
     return found
