@@ -1,6 +1,6 @@
 """Robots and what moves them: `robot.model` says which robot, `robot.engine` which engine.
 
-How far the engines agree is told in `bullet_drive.py`.
+How far the engines agree is told in `bullet_drive.py` and docs/robots.md.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from spikelane_sim.robots.model import RobotModel
 
 PYBULLET = 'pybullet'
 KINEMATIC = 'kinematic'
+RIGID = 'rigid'
 P3DX = 'p3dx'
 
 _GROUPS = {
@@ -49,7 +50,8 @@ class RobotParameters(Parameters):
     )
     engine: str = parameter(
         PYBULLET,
-        'What moves the robot: rigid-body physics, or an ideal differential drive for sweeps',
+        'What moves the robot: physics (pybullet), the same of a body that cannot slip (rigid), '
+        'or an ideal differential drive (kinematic)',
         choices=tuple(registry.engines()),
     )
     wheel_radius_m: float = parameter(

@@ -42,9 +42,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
-from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots.bullet import pybullet
-from spikelane_sim.robots.description import Description, read_description
+from spikelane_sim.robots.description import check_geometry, read_description
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
 from spikelane_sim.robots.registry import robot_model
 
@@ -55,9 +54,6 @@ _GRAVITY_M_S2 = 9.81
 # The solver stops once no constraint's velocity changes by more than the root of this. At
 # pybullet's default of 1e-7 a robot told to stand creeps by 0.02 mm/s.
 _SOLVER_RESIDUAL_M2_S2 = 1e-9
-# base_link may be this far off the height at which the wheels just touch the floor: as it is by
-# default, they stand 0.01 mm deep in it, the depth that Bullet leaves alone.
-_HEIGHT_TOLERANCE_M = 1e-4
 _BASE = -1  # pybullet's index of the base link
 _LEFT, _RIGHT = 0, 1  # and of the wheels, in the order they are given to it
 _WHEELS = (_LEFT, _RIGHT)
@@ -87,10 +83,10 @@ class BulletDrive:
                 not divide the steps, or the geometry is not that of the robot's URDF.
         """
         self._physics = parameters.own(PybulletParameters)
-        self._substeps = _substeps(self._physics.physics_step_s, poses_per_step)
+        self._substeps = self._physics.steps_per_pose(poses_per_step)
         urdf = robot_model(parameters.model).urdf
         self._description = read_description(urdf)
-        _check_geometry(parameters, self._description, urdf.name)
+        check_geometry(parameters, self._description, urdf.name)
         self._parameters = parameters
         self._poses_per_step = poses_per_step
         self._torques = (parameters.wheel_torque_n_m / self._substeps,) * 2
@@ -263,45 +259,6 @@ class _Engine:
         self._release()
         # The server's number may be given to another one.
         self.__dict__ = {'_id': -1, '_release': self._release}
-
-
-def _substeps(physics_step_s: float, poses_per_step: int) -> int:
-    """Return how many steps of the physics lie between two poses."""
-    steps = round(STEP_S / physics_step_s)
-    if poses_per_step < 1 or steps % poses_per_step:
-        raise ParameterError(
-            f'pixels.esim.substeps: expected a divisor of {steps}, the steps of the physics in '
-            f'{STEP_S} s, got {poses_per_step}'
-        )
-    substeps = steps // poses_per_step
-    interval_s = STEP_S / poses_per_step
-    # stepSimulation counts its sub-steps like this, and for some numbers (11, 19) it miscounts.
-    count = int(interval_s / (interval_s / substeps))
-    is_exact = count == substeps and interval_s - count * (interval_s / substeps) == 0.0
-    if abs(steps * physics_step_s - STEP_S) > 1e-12 or not is_exact:
-        raise ParameterError(
-            f'physics_step_s: expected a whole fraction of {STEP_S} s like 0.005 or 0.001, '
-            f'got {physics_step_s}'
-        )
-    return substeps
-
-
-def _check_geometry(parameters: RobotParameters, description: Description, urdf: str) -> None:
-    """Refuse a geometry that the description does not have."""
-    left, right = description.left, description.right
-    described = {
-        'wheel_radius_m': (left.contact_radius_m, 1e-9),
-        'track_m': (left.origin_m[1] - right.origin_m[1], 1e-9),
-        'axle_x_m': (left.origin_m[0], 1e-9),
-        'height_m': (left.contact_radius_m - left.origin_m[2], _HEIGHT_TOLERANCE_M),
-    }
-    for name, (expected, tolerance) in described.items():
-        value = getattr(parameters, name)
-        if abs(value - expected) > tolerance:
-            raise ParameterError(
-                f'{name}: expected {expected:g} as in {urdf}, got {value:g}; '
-                f'only the engine kinematic can have another'
-            )
 
 
 def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from spikelane_sim.contract import Robot
+from spikelane_sim.contract import Robot, STEP_S
 from spikelane_sim.engine import Engine
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 
 if TYPE_CHECKING:
@@ -34,6 +35,33 @@ class PybulletParameters(Parameters):
         low=1,
         high=1000,
     )
+
+    def steps_per_pose(self, poses_per_step: int) -> int:
+        """Return how many steps of the physics lie between two poses.
+
+        Args:
+            poses_per_step: How many poses a step of 50 ms has.
+
+        Raises:
+            ParameterError: They do not divide each other.
+        """
+        steps = round(STEP_S / self.physics_step_s)
+        if poses_per_step < 1 or steps % poses_per_step:
+            raise ParameterError(
+                f'pixels.esim.substeps: expected a divisor of {steps}, the steps of the physics '
+                f'in {STEP_S} s, got {poses_per_step}'
+            )
+        substeps = steps // poses_per_step
+        interval_s = STEP_S / poses_per_step
+        # stepSimulation counts its sub-steps like this; some numbers (11, 19) it miscounts.
+        count = int(interval_s / (interval_s / substeps))
+        is_exact = count == substeps and interval_s - count * (interval_s / substeps) == 0.0
+        if abs(steps * self.physics_step_s - STEP_S) > 1e-12 or not is_exact:
+            raise ParameterError(
+                f'physics_step_s: expected a whole fraction of {STEP_S} s like 0.005 or 0.001, '
+                f'got {self.physics_step_s}'
+            )
+        return substeps
 
 
 def _make(parameters: RobotParameters, poses_per_step: int) -> Robot:
