@@ -1,4 +1,4 @@
-"""How far the robot in pybullet and the ideal differential drive agree."""
+"""How far the robot in pybullet, the rigid body and the ideal differential drive agree."""
 
 import math
 
@@ -80,3 +80,13 @@ def test_laps_take_the_same_time(lane: str) -> None:
     assert 4000 < ideal_steps < 6000
     assert steps == pytest.approx(ideal_steps, rel=0.002)
     assert error == pytest.approx(ideal_error, abs=0.001)
+
+
+@pytest.mark.parametrize('lane', ['outer', 'inner'])
+def test_the_rigid_body_laps_as_physics_does(lane: str) -> None:
+    """As many steps but one, and the same mean error to 0.01 mm."""
+    steps, error = drive_lap(make_robot(RobotParameters()), lane)
+    rigid_steps, rigid_error = drive_lap(make_robot(RobotParameters(engine='rigid')), lane)
+    assert 4000 < steps < 6000
+    assert rigid_steps == pytest.approx(steps, abs=1)
+    assert rigid_error == pytest.approx(error, abs=1e-5)
