@@ -41,6 +41,18 @@ def _kinematic() -> Result:
     return measure_closed_loop('kinematic')
 
 
+def _rigid() -> Result:
+    from spikelane_benches.closed_loop import measure_closed_loop
+
+    return measure_closed_loop('rigid')
+
+
+def _engines() -> Result:
+    from spikelane_benches.engines import measure_engines
+
+    return measure_engines()
+
+
 def _renderer() -> Result:
     from spikelane_benches.renderer import compare_renderers
 
@@ -75,7 +87,9 @@ def _dqn() -> Result:
 
 BENCHMARKS: Mapping[str, Benchmark] = {
     'closed-loop-pybullet': Benchmark(_pybullet, 'steps_per_s', 1500, True, 'steps/s'),
+    'closed-loop-rigid': Benchmark(_rigid, 'steps_per_s', 8000, True, 'steps/s'),
     'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
+    'engines': Benchmark(_engines, 'ratio', 30, True, "x pybullet, the robot's step"),
     'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
     'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),

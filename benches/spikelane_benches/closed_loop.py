@@ -17,7 +17,7 @@ def measure_closed_loop(engine: str, steps: int = 2000, repeats: int = 5) -> dic
     """Drive the Braitenberg controller on scenario 1, again and again.
 
     Args:
-        engine: 'pybullet' or 'kinematic'.
+        engine: 'pybullet', 'rigid' or 'kinematic'.
         steps: Steps of each repeat.
         repeats: Counted ones; one before them compiles and is not counted.
 

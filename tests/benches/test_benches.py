@@ -13,6 +13,7 @@ from spikelane.commands.bench import find_benches
 from spikelane.main import run as run_command
 from spikelane_benches.benchmarks import run
 from spikelane_benches.dqn import measure_dqn
+from spikelane_benches.engines import measure_engines
 from spikelane_benches.plasticity import measure_plasticity
 from spikelane_sim.errors import SpikelaneError
 
@@ -95,3 +96,11 @@ def test_an_installed_copy_has_no_benches(tmp_path: Path) -> None:
         f'expected benches/spikelane_benches in a folder above {module.parent}, got none: '
         "an installed copy has no benches; use ./spikelane in a checkout of Spikelane's repository"
     )
+
+
+def test_the_rigid_body_is_far_cheaper_than_pybullet() -> None:
+    """By processor times of one run; the kernel alone takes less than a call of it."""
+    result = measure_engines(steps=100, repeats=3)
+    assert result['ratio'] == pytest.approx(result['pybullet_us'] / result['rigid_us'])
+    assert result['ratio'] > 5
+    assert 0.02 < result['kernel_us'] < result['rigid_us']

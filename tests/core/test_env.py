@@ -378,7 +378,7 @@ def test_a_sensor_that_the_cells_do_not_fill_is_refused() -> None:
         make_env(simulator={'camera.width': 130})
 
 
-@pytest.mark.parametrize('robot', ['pybullet', 'kinematic'])
+@pytest.mark.parametrize('robot', ['pybullet', 'rigid', 'kinematic'])
 @pytest.mark.parametrize(
     'more',
     [
@@ -432,7 +432,7 @@ def test_a_copy_does_not_disturb_what_it_was_made_from() -> None:
     again.close()
 
 
-@pytest.mark.parametrize('robot', ['pybullet', 'kinematic'])
+@pytest.mark.parametrize('robot', ['pybullet', 'rigid', 'kinematic'])
 def test_a_closed_environment_says_so(robot: str) -> None:
     """A step, a reset, also of a copy; closing twice is fine."""
     env = LaneKeepingEnv(simulator={'robot.model': robot})

@@ -23,9 +23,10 @@ STEP_NS = 50_000_000
 AHEAD = WheelVelocities(1.0, 1.0)
 FAST = WheelVelocities(10.0, 10.0)  # 0.04875 m in a step
 
-#: Both robots, and the pixels that draw random numbers.
+#: All engines, and the pixels that draw random numbers.
 KINDS = {
     'pybullet': {'robot.model': 'pybullet'},
+    'rigid': {'robot.engine': 'rigid'},
     'kinematic': {
         'robot.model': 'kinematic',
         'pixels.model': 'esim',

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import CensoredData, ecdf
+from scipy.stats import CensoredData, ecdf, ttest_1samp
 
 from spikelane.statistics import (
     effective_units,
+    equivalence_statistics,
     kaplan_meier_medians,
     mean_interval,
     mean_statistics,
@@ -147,3 +148,31 @@ def test_a_median_of_six_or_more_has_an_interval() -> None:
     half = time_statistics(list(range(10)), [True] * 5 + [False] * 5)
     assert half is not None
     assert half['ci_high'] is None
+
+
+def test_equivalence_is_two_one_sided_t_tests() -> None:
+    """Those of SciPy, against either margin; the interval is of 90 %."""
+    differences = np.random.default_rng(0).normal(0.02, 0.1, 30)
+    for margin in (0.03, 0.06, 0.3):
+        found = equivalence_statistics(differences, margin)
+        above = ttest_1samp(differences, -margin, alternative='greater')
+        below = ttest_1samp(differences, margin, alternative='less')
+        assert found['p'] == pytest.approx(max(above.pvalue, below.pvalue))
+        assert found['is_equivalent'] == (found['p'] < 0.05)
+        interval = ttest_1samp(differences, 0.0).confidence_interval(0.9)
+        assert (found['ci_low'], found['ci_high']) == pytest.approx(tuple(interval))
+        inside = -margin < found['ci_low'] and found['ci_high'] < margin
+        assert found['is_equivalent'] == inside
+
+
+def test_a_few_scattered_differences_are_not_called_small() -> None:
+    """No difference is found either: that is the point."""
+    scattered = [-3.0, 2.0, 1.0, -0.5]
+    assert ttest_1samp(scattered, 0.0).pvalue > 0.05
+    assert not equivalence_statistics(scattered, 1.0)['is_equivalent']
+
+
+def test_differences_without_spread_are_as_large_as_they_are() -> None:
+    """Within the margin or not; no NaN."""
+    assert equivalence_statistics([0.1, 0.1, 0.1], 0.2)['is_equivalent']
+    assert not equivalence_statistics([0.2, 0.2], 0.2)['is_equivalent']

@@ -267,12 +267,14 @@ def test_the_dqn_snn_drives_the_same_over_ros(tmp_path: Path) -> None:
     assert sum(int(each.spikes.sum()) for each in states) > 0
 
 
-@pytest.mark.parametrize('controller', ['braitenberg', 'rstdp'])
+@pytest.mark.parametrize(
+    ('controller', 'engine'), [('braitenberg', 'kinematic'), ('rstdp', 'rigid')]
+)
 def test_a_turtlebot_drives_as_in_process_and_is_described(
-    tmp_path: Path, controller: str
+    tmp_path: Path, controller: str, engine: str
 ) -> None:
     """The same bits; its URDF and the place of its camera are on the topics."""
-    robot = ('--robot', 'turtlebot4', '--engine', 'kinematic', '--controller', controller)
+    robot = ('--robot', 'turtlebot4', '--engine', engine, '--controller', controller)
     over_ros = drive_short(tmp_path / 'ros', *robot)
     in_process = drive_short(tmp_path / 'inprocess', *robot, '--transport', 'inprocess')
     assert (over_ros.status, over_ros.result['robot']) == (1, 'turtlebot4'), over_ros.errors

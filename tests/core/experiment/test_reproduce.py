@@ -12,8 +12,8 @@ import time
 
 import pytest
 
-from spikelane.commands.reproduce import experiment_file
-from spikelane.experiment.file import read_experiment, with_seeds
+from spikelane.commands.reproduce import _note, experiment_file
+from spikelane.experiment.file import read_experiment, with_robot, with_seeds
 from spikelane.experiment.plan import make_plan, Plan, PlannedRun
 
 ROOT = Path(__file__).parents[3]
@@ -48,14 +48,14 @@ matrix:
     variants: {short: {simulator.episode.max_steps: 60}}
     tasks: {train: {steps: 300}, evaluate: *a_lap}
 """
-TRAIN = 'train-dqn-1-kinematic-short-seed0'
+TRAIN = 'train-dqn-1-rigid-short-seed0'
 ORDER = [
     TRAIN,
-    'transfer-dqn_snn-1-kinematic-short-seed0',
-    'evaluate-dqn-1-kinematic-short-seed0',
-    'evaluate-dqn_snn-1-kinematic-short-seed0',
-    'train-rstdp-1-kinematic-short-seed0',
-    'evaluate-rstdp-1-kinematic-short-seed0',
+    'transfer-dqn_snn-1-rigid-short-seed0',
+    'evaluate-dqn-1-rigid-short-seed0',
+    'evaluate-dqn_snn-1-rigid-short-seed0',
+    'train-rstdp-1-rigid-short-seed0',
+    'evaluate-rstdp-1-rigid-short-seed0',
 ]
 
 FAILING = """
@@ -164,8 +164,44 @@ def test_the_paper_s_settings_are_the_default_ones() -> None:
 def test_a_look_says_that_it_is_one() -> None:
     """On the page, by the experiment's description; with other seeds, too."""
     record = read_experiment(ROOT / 'experiments/paper_quick.yaml')
-    assert record.description.startswith('A look only, not the reproduction: the kinematic ')
+    assert record.description.startswith('A look only, not the reproduction: the outer lane')
+    assert _note(record).endswith(' exploration that falls sooner. Robot: kinematic.')
     assert len(make_plan(with_seeds(record, 2)).runs) == 2 * len(make_plan(record).runs)
+
+
+@pytest.mark.parametrize('name', ['paper', 'paper_quick'])
+@pytest.mark.parametrize(
+    ('given', 'label', 'expected'),
+    [
+        ({'simulator.robot.engine': 'rigid'}, 'rigid', ('p3dx', 'rigid')),
+        ({'simulator.robot.model': 'rigid'}, 'rigid', ('p3dx', 'rigid')),
+        (
+            {'simulator.robot.model': 'turtlebot4', 'simulator.robot.engine': 'rigid'},
+            'turtlebot4-rigid',
+            ('turtlebot4', 'rigid'),
+        ),
+    ],
+)
+def test_another_engine_moves_the_robot_in_all_runs(
+    name: str, given: dict[str, str], label: str, expected: tuple[str, str]
+) -> None:
+    """All else is as it was; the runs' names, the folder and the page tell what moves it."""
+    usual = read_experiment(ROOT / f'experiments/{name}.yaml')
+    record = with_robot(usual, given)
+    plan, before = make_plan(record), make_plan(usual)
+    assert plan.name == f'{name}_{label}'
+    assert _note(record).endswith(f' Robot: {label}.')
+    assert _note(usual).endswith({'paper': ' Robot: pybullet.'}.get(name, ' Robot: kinematic.'))
+    assert len(plan.runs) == len(before.runs)
+    for run, other in zip(plan.runs, before.runs, strict=True):
+        simulator = run.identity['configuration']['simulator']
+        assert (simulator['robot.model'], simulator['robot.engine']) == expected
+        assert f'-{label}-' in run.name
+        if expected[0] == 'p3dx':
+            before_it = other.identity['configuration']['simulator']
+            assert {each for each in simulator if simulator[each] != before_it[each]} == {
+                'robot.engine'
+            }
 
 
 @pytest.mark.slow
@@ -175,6 +211,7 @@ def test_killed_in_the_middle_it_goes_on_and_reports(tmp_path: Path) -> None:
     (tmp_path / 'paper_quick.yaml').write_text(TINY)
     out = tmp_path / 'out'
     options = ('--quick', '--seeds', '1', '--jobs', '1', '--out', str(out), '--json')
+    options += ('--robot', 'rigid')  # instead of the file's
     process = start(tmp_path, *options)
     deadline_s = time.monotonic() + DEADLINE_S
     while not list(out.glob('transfer-*/progress.json')):
@@ -195,7 +232,7 @@ def test_killed_in_the_middle_it_goes_on_and_reports(tmp_path: Path) -> None:
     assert (out / TRAIN / 'metrics.json').stat().st_mtime_ns == kept
     report = result['report']
     assert report['page'] == str(out / 'report/report.html')
-    assert '<strong>A look only.</strong>' in Path(report['page']).read_text('utf-8')
+    assert '<strong>A look only. Robot: rigid.</strong>' in Path(report['page']).read_text('utf-8')
     assert report['runs'] == len(ORDER)
     names = {Path(file).name for file in report['figures']}
     assert {'training_time.png', 'deviation_scenario_1.png', 'scenarios.png'} <= names

@@ -33,6 +33,9 @@ LEVEL = 0.95
 #: median in only 1 - 2 / 2^5 = 93.75 % of cases.
 LEAST_FOR_MEDIAN = 6
 
+#: Of each of the two tests whether a difference is small.
+_ONE_SIDED = 0.05
+
 _RESAMPLES = 9_999
 
 #: What `metrics.json` and `results.json` say about the intervals in them.
@@ -133,6 +136,42 @@ def mean_interval(
 def _exp(value: float) -> float:
     """Return e to the power of a value; beyond what a float holds, the largest float."""
     return math.exp(min(value, 700.0))
+
+
+def equivalence_statistics(differences: Sequence[float], margin: float) -> dict[str, Any]:
+    """Test whether a mean difference is small: two one-sided t tests (Schuirmann 1987).
+
+    That no difference was found says nothing of how large it is. Here it counts as small if both
+    "at least margin" and "at most -margin" are rejected at 5 %, that is, if the 90 % interval of
+    the mean lies between them.
+
+    Args:
+        differences: One of each pair of units, at least two, (n,).
+        margin: The largest mean difference, either way, that makes no odds.
+
+    Returns:
+        n, mean, std (divided by n - 1), ci_low and ci_high (the 90 % interval), margin, p (the
+        larger of both tests) and is_equivalent.
+    """
+    import numpy as np
+    from scipy.stats import t
+
+    values, n = np.asarray(differences, float), len(differences)
+    mean, std = float(values.mean()), float(values.std(ddof=1))
+    error = std / math.sqrt(n)
+    half = float(t.ppf(1 - _ONE_SIDED, n - 1)) * error
+    inside = margin - abs(mean)
+    p = float(t.sf(inside / error, n - 1)) if error else float(inside <= 0)
+    return {
+        'n': n,
+        'mean': mean,
+        'std': std,
+        'ci_low': mean - half,
+        'ci_high': mean + half,
+        'margin': margin,
+        'p': p,
+        'is_equivalent': p < _ONE_SIDED,
+    }
 
 
 def share_statistics(successes: int, n: int, units: float | None = None) -> dict[str, Any]:

@@ -161,6 +161,7 @@ def train_until(kill: Kill, folder: Path, robot: str, steps: int, *, resume: boo
             ],
         ),
         ('pybullet', 300, [(Kill('driving', 260), 200)]),
+        ('rigid', 300, [(Kill('driving', 260), 200)]),
     ],
 )
 def test_a_killed_training_goes_on_bit_for_bit(

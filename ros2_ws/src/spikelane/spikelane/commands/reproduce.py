@@ -17,10 +17,18 @@ from spikelane.commands.experiment import (
     summary,
 )
 import spikelane.experiment
-from spikelane.experiment.file import MOST_SEEDS, read_experiment, with_seeds
+from spikelane.experiment.file import (
+    ExperimentRecord,
+    MOST_SEEDS,
+    read_experiment,
+    with_robot,
+    with_seeds,
+)
 from spikelane.experiment.plan import make_plan
+from spikelane.runs.arguments import add_robot_arguments, given_robot
 from spikelane.runs.configuration import check_number
 from spikelane.runs.folder import RUNS
+from spikelane_sim.robots import PYBULLET
 
 #: Names of the experiments' files, which lie with the code that runs them.
 PAPER, QUICK = 'paper', 'paper_quick'
@@ -39,15 +47,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='a look in minutes: kinematic robot, one seed, shorter deep Q-learning; '
+        help='a look in minutes: engine kinematic, one seed, shorter deep Q-learning; '
         'no reproduction',
     )
+    add_robot_arguments(parser)
     parser.add_argument(
         '--out',
         type=Path,
         metavar='DIR',
         help=f'folder of the runs and of {REPORT}/, new or to be gone on with '
-        f'(default: runs/{PAPER}; with --quick runs/{QUICK})',
+        f'(default: runs/{PAPER}; with --quick runs/{QUICK}; with another robot or engine, its '
+        f'name after that, as runs/{PAPER}_rigid)',
     )
     parser.add_argument(
         '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
@@ -69,13 +79,15 @@ def run(options: argparse.Namespace) -> int:
     record = read_experiment(experiment_file(QUICK if options.quick else PAPER))
     if options.seeds is not None:
         record = with_seeds(record, options.seeds)
+    if robot := given_robot(options):
+        record = with_robot(record, robot)
     plan = make_plan(record)
     root: Path = options.out or RUNS / plan.name
     results = do_plan(plan, root, lambda: local_engine(options.jobs), RETRIES, options.json)
     if not options.json:
         print(summary(results, root))
     # Where nothing came of any run there is nothing to report on, and why has been said.
-    report = _report(root, record.description, options.json) if results['groups'] else None
+    report = _report(root, _note(record), options.json) if results['groups'] else None
     if options.json:
         print(json.dumps({**results, 'folder': str(root), 'report': report}))
     elif report is not None:
@@ -87,6 +99,12 @@ def experiment_file(name: str) -> Path:
     """Return the file of an experiment that comes along."""
     (folder,) = spikelane.experiment.__path__
     return Path(folder) / f'{name}.yaml'
+
+
+def _note(record: ExperimentRecord) -> str:
+    """Return what the report says of the experiment: what moved the robot, too."""
+    names = dict.fromkeys(name for block in record.blocks for name in block.axes.get('robots', {}))
+    return f'{record.description} Robot: {", ".join(names) or PYBULLET}.'
 
 
 def _report(root: Path, note: str, is_quiet: bool) -> dict[str, Any]:

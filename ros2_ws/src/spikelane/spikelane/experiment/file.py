@@ -107,6 +107,19 @@ def with_seeds(record: ExperimentRecord, seeds: int) -> ExperimentRecord:
     return record._replace(blocks=tuple(blocks))
 
 
+def with_robot(record: ExperimentRecord, given: Mapping[str, str]) -> ExperimentRecord:
+    """Return an experiment of another name, with another robot or engine in all its blocks.
+
+    Args:
+        record: The experiment.
+        given: `simulator.robot.model`, `simulator.robot.engine` or both.
+    """
+    name = '-'.join(given.values())
+    robots: Mapping[str, Axis] = {'robots': {name: given}}
+    blocks = (block._replace(axes={**robots, **block.axes, **robots}) for block in record.blocks)
+    return record._replace(name=f'{record.name}_{name}', blocks=tuple(blocks))
+
+
 def _read_block(value: YamlValue) -> Block:
     fields = value.fields(_REQUIRED, _OPTIONAL)
     controllers = tuple(each.choice(*controller_names()) for each in _some(fields['controllers']))

@@ -41,16 +41,7 @@ def add_configuration_arguments(
     parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
     if transport is not None:
         _add_transport_argument(parser, transport)
-    parser.add_argument(
-        '--robot',
-        choices=(*robot_models(), *engines()),
-        help='which robot (default: p3dx); an engine, as for --engine, names no robot',
-    )
-    parser.add_argument(
-        '--engine',
-        choices=tuple(engines()),
-        help='what moves it: physics, or an ideal differential drive (default: pybullet)',
-    )
+    add_robot_arguments(parser)
     parser.add_argument(
         '--preset',
         metavar='NAME|FILE',
@@ -76,6 +67,21 @@ def add_configuration_arguments(
         help=f'folder for the results, new or empty (default: {out}, numbered)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare which robot drives and what moves it, which `given_robot` reads."""
+    parser.add_argument(
+        '--robot',
+        choices=(*robot_models(), *engines()),
+        help='which robot (default: p3dx); an engine, as for --engine, names no robot',
+    )
+    parser.add_argument(
+        '--engine',
+        choices=tuple(engines()),
+        help='what moves it: physics; the same for a body that cannot slip, which is faster '
+        '(rigid); or an ideal differential drive (default: pybullet)',
+    )
 
 
 def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) -> None:
@@ -141,13 +147,11 @@ def given_parameters(options: argparse.Namespace) -> dict[str, Any]:
         ParameterError: One cannot be read.
     """
     flags = {
-        'simulator.robot.model': options.robot,
-        'simulator.robot.engine': options.engine,
         'simulator.pixels.model': options.pixels,
         'simulator.camera.antialias': options.antialias,
     }
     given = {name: value for name, value in flags.items() if value is not None}
-    return _preset(options) | parse_parameters(options.param) | given
+    return _preset(options) | parse_parameters(options.param) | given_robot(options) | given
 
 
 def _preset(options: argparse.Namespace) -> dict[str, Any]:
@@ -160,6 +164,12 @@ def _preset(options: argparse.Namespace) -> dict[str, Any]:
         return {}
     values = preset_parameters(load_preset(options.preset))
     return {f'simulator.{name}': value for name, value in values.items()}
+
+
+def given_robot(options: argparse.Namespace) -> dict[str, str]:
+    """Return the parameters that a given robot and engine are."""
+    flags = {'simulator.robot.model': options.robot, 'simulator.robot.engine': options.engine}
+    return {name: value for name, value in flags.items() if value is not None}
 
 
 def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:
