@@ -190,11 +190,15 @@ matrix:
             ':5: simulator.camera.fov_deg: expected a number from .*, got 900',
         ),
         ('smooth: {', 'smooth/er: {', ':5: .*: expected a name of letters, .*, got .smooth/er'),
-        ('cameras', 'variants', ":5: unknown parameter 'antialias', expected rstdp.<name>, simul"),
+        (
+            'cameras',
+            'variants',
+            ":5: unknown parameter 'antialias', expected filter.<name>, rstdp.<name>, simul",
+        ),
         (
             'cameras: {smooth: {antialias: true}}',
             'variants: {a: {braitenberg.poisson.max_events: 9}}',
-            ":5: unknown parameter 'braitenberg.poisson.max_events', expected rstdp.<name>, ",
+            ":5: unknown parameter 'braitenberg.poisson.max_events', expected filter.<name>, ",
         ),
         ('train:', 'drain:', ":7: unknown task 'drain', expected train, transfer, evaluate"),
         (
