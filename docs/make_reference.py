@@ -154,7 +154,7 @@ def ask_all() -> dict[str, Found]:
     """Start every node and return what it has."""
     # What every node has is told once.
     with _running(lambda: Node('bare'), {}) as (bare, _):
-        usual_topics, usual_rows = set(_topics(bare)), set(bare._parameters)
+        usual_topics, usual_rows = set(_topics(bare)), set(_parameters(bare))
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, executable in executables(Path(folder)).items():
@@ -165,17 +165,21 @@ def ask_all() -> dict[str, Found]:
                         if topic not in usual_topics:
                             found[name].topics.setdefault(topic, []).append(start.note)
                     if not start.note:
-                        names = [each for each in node._parameters if each not in usual_rows]
+                        names = [each for each in _parameters(node) if each not in usual_rows]
                         found[name].rows = list(_rows(node, names, defaults))
     return found
+
+
+def _parameters(node: Node) -> list[str]:
+    return list(node.list_parameters([], 0).result.names)
 
 
 def ask_parameters(cls: type) -> list[Row]:
     """Return the rows of parameters that no node has, as a node would declare them."""
     with _running(lambda: Node('bare'), {}) as (node, defaults):
-        before = set(node._parameters)
+        before = set(_parameters(node))
         declare_parameters(node, cls)
-        names = [name for name in node._parameters if name not in before]
+        names = [name for name in _parameters(node) if name not in before]
         return list(_rows(node, names, defaults))
 
 

@@ -13,37 +13,22 @@ import threading
 import traceback
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from spikelane_sim.errors import MessageError, SpikelaneError
+from spikelane_sim.nodes.rclpy_internals import (
+    call_event_handlers,
+    DirectWait,
+    NotForExecutors,
+    take,
+)
 
 #: From one look for events of direct subscriptions to the next [s].
 EVENTS_PERIOD_S = 1.0
-
-
-class NotForExecutors(CallbackGroup):
-    """Keeps executors away from the subscriptions in it."""
-
-    def can_execute(self, entity: object) -> bool:
-        """Refuse."""
-        del entity
-        return False
-
-    def beginning_execution(self, entity: object) -> bool:
-        """Refuse."""
-        del entity
-        return False
-
-    def ending_execution(self, entity: object) -> None:
-        """Do nothing: nothing is ever begun."""
-        del entity
 
 
 class SubscriptionEvents:
@@ -65,13 +50,7 @@ class SubscriptionEvents:
     def look(self) -> None:
         """Call the callbacks of all events that have happened since the last look."""
         for subscription in list(self._subscriptions):
-            try:
-                for handler in subscription.event_handlers:
-                    handler._ready_to_take_data = True
-                    found = handler.take_data()
-                    if found is not None and getattr(found, 'total_count_change', True):
-                        handler.callback(found)
-            except _rclpy.InvalidHandle:  # the subscription was replaced by another one
+            if not call_event_handlers(subscription):  # it was replaced by another one
                 self._subscriptions.remove(subscription)
 
     def look_regularly(self, node: Node) -> None:
@@ -112,7 +91,7 @@ class DirectSubscriptions:
         self._companions: set[Subscription] = set()
         self._renewals: list[tuple[str, QoSProfile]] = []
         self._is_wanted: dict[Subscription, Callable[[], bool]] = {}
-        self._wake = GuardCondition(None, self._group, context=node.context)
+        self._wait = DirectWait(node.context, self._group)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
         self.refused = 0
@@ -161,7 +140,7 @@ class DirectSubscriptions:
         """Subscribe to a topic again, with another quality of service; from any thread."""
         self._renewals.append((topic, qos))
         if self._thread.is_alive():
-            self._wake.trigger()
+            self._wait.wake()
         else:
             self._renew()
 
@@ -171,13 +150,13 @@ class DirectSubscriptions:
 
     def wake(self) -> None:
         """Ask again whether to wait for the companions, too; from any thread."""
-        self._wake.trigger()
+        self._wait.wake()
 
     def stop(self) -> None:
         """Stop handling messages; returns when the handler at work has ended."""
         self._stopping = True
         if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._wake.trigger()
+            self._wait.wake()
             self._thread.join()
 
     def _run(self) -> None:
@@ -185,17 +164,15 @@ class DirectSubscriptions:
         # signals of our own would have to be given up here, while rclpy may still be going
         # through its list of them: the executor's, next in it, would be forgotten.
         context = self._node.context
-        count = len(self._subscriptions)
         try:
-            wait_set = _rclpy.WaitSet(count, 1, 0, 0, 0, 0, context.handle)
+            self._wait.begin(len(self._subscriptions))
             while not self._stopping and context.ok():
-                wait_set.clear_entities()
                 needs_all = self._needs_all()
-                for subscription, _ in self._subscriptions:
-                    if needs_all or subscription not in self._companions:
-                        wait_set.add_subscription(subscription.handle)
-                wait_set.add_guard_condition(self._wake.handle)
-                wait_set.wait(-1)
+                self._wait.wait(
+                    subscription
+                    for subscription, _ in self._subscriptions
+                    if needs_all or subscription not in self._companions
+                )
                 if context.ok():
                     self._handle()
                     self._renew()
@@ -227,9 +204,9 @@ class DirectSubscriptions:
             is_wanted = self._is_wanted.get(subscription)
             if is_wanted is not None and not is_wanted():
                 continue
-            while taken := subscription.handle.take_message(subscription.msg_type, False):
+            while (message := take(subscription)) is not None:
                 try:
-                    handle(taken[0])
+                    handle(message)
                 except MessageError as error:
                     self.refused += 1
                     self._node.get_logger().error(

@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.node import Node
 
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.nodes.rclpy_internals import given_parameters
 from spikelane_sim.parsing import read_yaml_file
 
 _VALUES = 'ros__parameters'
@@ -25,7 +26,7 @@ def warn_of_unused_parameters(node: Node, arguments: Sequence[str]) -> None:
         node: Has declared all its parameters.
         arguments: Command-line arguments of its process.
     """
-    unknown = [name for name in node._parameter_overrides if not node.has_parameter(name)]
+    unknown = [name for name in given_parameters(node) if not node.has_parameter(name)]
     if unknown:
         node.get_logger().warning(
             f'{", ".join(unknown)}: expected parameters of {node.get_name()}; ignored'

@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.type_support import check_for_type_support
 
 from spikelane.bag.metadata import QosDuration, QosProfile
 
@@ -41,7 +42,7 @@ def message_type_of(type_name: str) -> Any:
     package, _, name = type_name.partition('/msg/')
     try:
         message_type = getattr(importlib.import_module(f'{package}.msg'), name)
-        message_type.__class__.__import_type_support__()
+        check_for_type_support(message_type)
     except Exception:  # a broken installation must not end the recording
         return None
     return message_type

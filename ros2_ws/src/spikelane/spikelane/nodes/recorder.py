@@ -32,6 +32,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 
 from spikelane.bag.recording import NOT_RECORDED, Recording
 from spikelane.bag.schema import collect_schema
@@ -42,9 +43,10 @@ from spikelane.nodes.periodic import Periodic
 from spikelane.nodes.recorder_parameters import parse_facts, RecorderParameters
 from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, SpikelaneError
-from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, NotForExecutors, SubscriptionEvents
+from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, SubscriptionEvents
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
+from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take_raw
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 
 _TAKE_PERIOD_S = 0.05
@@ -89,7 +91,7 @@ class Recorder(Node):
         # The messages are taken by `take`.
         self._group = NotForExecutors()
         self._events = SubscriptionEvents()
-        self._subscriptions_taken: list[Any] = []  # (topic id, message type, handle)
+        self._subscriptions_taken: list[tuple[int, Subscription]] = []  # with the topic's id
         # Topic name: topic id, 0 for one that cannot be recorded.
         self._recorded: dict[str, int] = {}
         self._profiles: dict[str, Any] = {}
@@ -142,10 +144,10 @@ class Recorder(Node):
     def take(self) -> None:
         """Write every message that has arrived."""
         arrivals = []
-        for topic_id, message_type, handle in self._subscriptions_taken:
+        for topic_id, subscription in self._subscriptions_taken:
             # A publisher that outruns us must not keep us from the others.
             for _ in range(self._settings.depth):
-                taken = handle.take_message(message_type, True)
+                taken = take_raw(subscription)
                 if taken is None:
                     break
                 data, info = taken
@@ -272,7 +274,7 @@ class Recorder(Node):
             raw=True,
         )
         self._events.add(subscription)
-        self._subscriptions_taken.append((topic_id, message_type, subscription.handle))
+        self._subscriptions_taken.append((topic_id, subscription))
         self._profiles[name] = profile
         self._recorded[name] = topic_id
         return True

@@ -31,7 +31,8 @@ from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
 from spikelane_sim.nodes import conversions
-from spikelane_sim.nodes.direct import NotForExecutors, SubscriptionEvents
+from spikelane_sim.nodes.direct import SubscriptionEvents
+from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.waiting import WaitingWarnings
@@ -117,9 +118,9 @@ class Viewer(Node):
     def take(self) -> None:
         """Show what has come."""
         for subscription, show in self._taken:
-            while taken := subscription.handle.take_message(subscription.msg_type, False):
+            while (message := take(subscription)) is not None:
                 self._shown += 1
-                self._show(show, taken[0])
+                self._show(show, message)
 
     def _lacks(self) -> str:
         topics = [subscription.topic_name for subscription, _ in self._taken]
