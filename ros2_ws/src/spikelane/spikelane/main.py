@@ -27,6 +27,7 @@ COMMANDS = {
     'experiment': 'do all runs that a file describes',
     'reproduce': 'do everything the paper reports, and report on it',
     'report': 'write one page on many runs, against the paper',
+    'compare': 'compare the runs of two settings, with intervals and p-values',
     'course': 'check a course, describe it and draw it',
     'check': 'test a controller against the whole contract',
     'view': 'show in the browser what a robot does',

@@ -55,7 +55,9 @@ def measured(runs: Runs) -> dict[str, dict[Key, Measured]]:
     laps = by_key(lap for lap in runs.laps if lap.lane == PAPER_LANE)
     for name, words, unit, value in LAP_MEASURES:
         quantity = QUANTITIES[unit]
-        found[name] = {key: _of_laps(each, words, quantity, value) for key, each in laps.items()}
+        found[name] = {
+            key: laps_measured(each, words, quantity, value) for key, each in laps.items()
+        }
     learnt: list[TrainingRun | TransferRun] = [*runs.trainings, *runs.transfers]
     for key, group in by_key(learnt).items():
         for name, values in values_of(group).items():
@@ -85,10 +87,17 @@ def _of_runs(values: Sequence[tuple[int, Measure]], n: int) -> Measured:
     )
 
 
-def _of_laps(
+def laps_measured(
     laps: Sequence[Lap], words: str, quantity: Quantity, value: Callable[[dict[str, Any]], float]
 ) -> Measured:
-    """Return the mean of each unit's completed laps."""
+    """Return the mean of each unit's completed laps.
+
+    Args:
+        laps: Of one controller, scenario, setting and lane.
+        words: What is measured.
+        quantity: How it is written.
+        value: Of the metrics of a lap.
+    """
     unit, units = units_of(laps)
     done = [(name, lap) for name, each in units.items() for lap in each if lap['completed']]
     means = unit_means([value(lap) for _, lap in done], [name for name, _ in done])
