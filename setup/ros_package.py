@@ -65,7 +65,8 @@ def setup_arguments(name: str, nodes: Mapping[str, str]) -> dict[str, Any]:
         'maintainer_email': author['email'],
         'python_requires': whole['requires-python'],
         'install_requires': ['setuptools', *whole['dependencies']],
-        'extras_require': whole['optional-dependencies'],
+        # By the extra `test` colcon knows what to test a package with.
+        'extras_require': {**whole['optional-dependencies'], 'test': ['pytest']},
         'packages': find_packages(),
         'py_modules': [path.stem for path in Path().glob(f'{name}_*.py')],
         'package_data': {name: _DATA},

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import itertools
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import time
@@ -60,6 +61,37 @@ SKIPS = {
     "colcon's setup files do not work in paths with a space": 1,
     'no other Python that is supported': 1,
 }
+
+
+#: Each may import those before it.
+PACKAGES = ('spikelane_sim', 'spikelane_controllers', 'spikelane')
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option with which `colcon test` tests one package, see its setup.cfg."""
+    parser.addoption(
+        '--package', choices=PACKAGES, help='run the tests of one package: no other imports more'
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the markers, for whatever file of settings pytest is run with."""
+    config.addinivalue_line('markers', 'ros: needs a built workspace')
+    config.addinivalue_line('markers', 'slow: takes more than ten seconds')
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out what is not a test of the package asked for."""
+    package = config.getoption('package')
+    if not package or collection_path.suffix != '.py':
+        return None
+    return _package_of(collection_path) != package or None
+
+
+def _package_of(file: Path) -> str:
+    """Return the last of the packages that a test imports, '' for none."""
+    imports = re.findall(r'^ *(?:from|import) (\w+)', file.read_text(encoding='utf-8'), re.M)
+    return next((name for name in PACKAGES[::-1] if name in imports), '')
 
 
 def _excess_skips(session: pytest.Session) -> list[str]:

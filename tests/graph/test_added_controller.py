@@ -32,7 +32,7 @@ BROKEN = {
     'package.xml': """
 <package format="3">
   <name>broken_controllers</name> <version>0.1.0</version> <description>Broken.</description>
-  <maintainer email="you@example.org">You</maintainer> <license>Apache-2.0</license>
+  <maintainer email="you@your-lab.invalid">You</maintainer> <license>Apache-2.0</license>
   <export> <build_type>ament_python</build_type> </export>
 </package>
 """,
