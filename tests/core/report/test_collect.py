@@ -81,6 +81,14 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     )
 
 
+def test_filters_are_a_setting(tmp_path: Path) -> None:
+    """Those that differ from their defaults; a run without filters has none."""
+    write_lap(tmp_path / 'a', filter={'chain': 'correlation', 'correlation.supporters': 3})
+    write_lap(tmp_path / 'b')
+    found = {lap.folder.name: lap.setting for lap in collect([tmp_path]).laps}
+    assert found == {'a': 'filter.chain correlation; filter.correlation.supporters 3', 'b': ''}
+
+
 def test_how_episodes_end_is_told_against_what_is_usual(tmp_path: Path) -> None:
     """Which in a training is another distance, and in a transfer another number of steps."""
     weights = write_training(

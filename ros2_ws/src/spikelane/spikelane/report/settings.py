@@ -22,6 +22,7 @@ from spikelane_controllers.registry import (
 )
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
@@ -141,7 +142,7 @@ def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
             usual = {**usual, **_chosen(group, values), **_usual_in(config, group)}
             for name, value in usual.items():
                 if name not in _NO_VARIANT and name in values and values[name] != value:
-                    found[name] = values[name]
+                    found[f'filter.{name}' if group == 'filter' else name] = values[name]
     if config.get('from_training') is False:
         found['from_training'] = False
     return found
@@ -172,7 +173,10 @@ def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
 @functools.lru_cache(maxsize=20)
 def _defaults(group: str) -> dict[str, Any] | None:
     """Return the defaults of a group of parameters as YAML gives them, None for no such group."""
-    others: dict[str, type[Parameters]] = {'simulator': SimulatorParameters}
+    others: dict[str, type[Parameters]] = {
+        'simulator': SimulatorParameters,
+        'filter': FilterParameters,
+    }
     for name in transfer_names():
         others |= transfer_class(name).parameters_classes
     is_controller = group in controller_names()
