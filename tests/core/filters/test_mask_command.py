@@ -9,6 +9,7 @@ import pytest
 
 from spikelane.main import run
 from spikelane_sim.events import make_events
+from spikelane_sim.filters.hot_pixels import HotPixels, write_hot_pixels
 
 
 @pytest.fixture
@@ -55,3 +56,22 @@ def test_a_search_that_is_not_possible_is_refused(
     assert run(['mask', str(tmp_path / 'none'), str(file)]) != 0
     assert len(capsys.readouterr().err.splitlines()) == 1
     assert not file.exists()
+
+
+def test_another_mask_is_another_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An evaluation does not go on where the file of its mask has changed."""
+    file = tmp_path / 'hot.json'
+    write_hot_pixels(file, HotPixels(128, 128, np.array([[3, 4]])))
+    given = [
+        'simulator.episode.max_steps=3',
+        'filter.chain=hot_pixels',
+        f'filter.hot_pixels.file={file}',
+    ]
+    options = [each for one in given for each in ('--param', one)]
+    common = ['evaluate', '--engine', 'kinematic', '--json', '--out', str(tmp_path / 'run')]
+    assert run([*common, *options]) == 0
+    assert run([*common, *options, '--resume']) == 0
+    write_hot_pixels(file, HotPixels(128, 128, np.array([[3, 5]])))
+    capsys.readouterr()
+    assert run([*common, *options, '--resume']) == 2
+    assert 'expected a run with' in capsys.readouterr().err

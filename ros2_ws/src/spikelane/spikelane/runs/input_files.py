@@ -14,7 +14,9 @@ from spikelane_sim.errors import CheckpointError
 
 
 def input_digests(configuration: Mapping[str, Any]) -> dict[str, str]:
-    """Return the SHA-256 of course files and weights that a configuration names, by these names.
+    """Return the SHA-256 of the files that a configuration names, by these names.
+
+    These are course files, weights and masks of hot pixels.
 
     Names of shipped courses and of what is not there yet are left out.
 
@@ -34,6 +36,10 @@ def _inputs(configuration: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
         for course in (values.get('course'), *values.get('courses', ())):
             if course:
                 yield course, Path(course)
+    # Filters have a file each at most.
+    for name, value in configuration.get('filter', {}).items():
+        if name.endswith('.file') and value:
+            yield value, Path(value)
     weights = {
         name: values['checkpoint']
         for name, values in configuration.items()
