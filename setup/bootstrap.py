@@ -498,6 +498,7 @@ def main(purpose: str) -> int:
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
         with alone():
             set_up(purpose)
     except (SetupError, OSError) as error:

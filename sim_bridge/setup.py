@@ -9,4 +9,4 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'setup'))
 
 from ros_package import setup_arguments
 
-setup(**setup_arguments('spikelane_sim', {'simulator': 'spikelane_sim.nodes.simulator:main'}))
+setup(**setup_arguments('spikelane_sim', {'simulator': 'spikelane_sim_entry:simulator'}))

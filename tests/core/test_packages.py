@@ -53,6 +53,7 @@ def imported(folder: Path) -> set[str]:
             elif isinstance(node, ast.ImportFrom):
                 names.add((node.module or '').partition('.')[0])
     own = {path.parent.name for path in folder.glob('*/__init__.py')}
+    own |= {'spikelane_entry', 'spikelane_sim_entry'}  # of packages that are named anyway
     return names - set(sys.stdlib_module_names) - own
 
 

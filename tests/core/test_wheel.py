@@ -133,7 +133,7 @@ def test_the_wheel_has_all_files_and_no_others(wheel: Path) -> None:
         for folder in MODULES
         for path in files_in(folder)
     }
-    assert names - parameters == expected | {'spikelane_entry.py'}
+    assert names - parameters == expected | {'spikelane_entry.py', 'spikelane_sim_entry.py'}
     assert {
         'spikelane/experiment/paper.yaml',
         'spikelane/report/page.html',
@@ -155,7 +155,7 @@ def test_colcon_builds_the_same_files(modules: Path, tmp_path: Path) -> None:
     subprocess.run(command, cwd=modules.parent, check=True)
     built = {path.relative_to(tmp_path).as_posix() for path in files_in(tmp_path)}
     expected = {path.relative_to(modules.parent).as_posix() for path in files_in(modules)}
-    assert built - {'spikelane_entry.py'} == expected
+    assert built - {'spikelane_entry.py', 'spikelane_sim_entry.py'} == expected
 
 
 def test_each_dependency_has_a_lower_bound(metadata: Message) -> None:

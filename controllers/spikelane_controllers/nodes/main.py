@@ -7,15 +7,20 @@ from __future__ import annotations
 
 from pathlib import Path
 import sys
+from typing import TYPE_CHECKING
 
-from spikelane_controllers.nodes.controller import ControllerNode
-from spikelane_controllers.nodes.learning import LearningNode
-from spikelane_controllers.registry import card
-from spikelane_sim.nodes.running import run_node
+from spikelane_sim_entry import take_signals
+
+if TYPE_CHECKING:
+    from spikelane_controllers.nodes.controller import ControllerNode
 
 
 def main() -> None:
     """Run the node of the controller that the executable is named after."""
+    take_signals()
+    # Here and not above: what is imported takes its time.
+    from spikelane_sim.nodes.running import run_node
+
     name = Path(sys.argv[0]).name
     sys.exit(run_node(lambda: make_node(name)))
 
@@ -26,4 +31,8 @@ def make_node(name: str) -> ControllerNode:
     Raises:
         SpikelaneError: No controller has this name, or a parameter is not allowed.
     """
+    from spikelane_controllers.nodes.controller import ControllerNode
+    from spikelane_controllers.nodes.learning import LearningNode
+    from spikelane_controllers.registry import card
+
     return LearningNode(name) if card(name).training else ControllerNode(name)

@@ -9,11 +9,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'setup'))
 
 from ros_package import setup_arguments
 
-NODES = {
-    'recorder': 'spikelane.nodes.recorder:main',
-    'replay': 'spikelane.runs.replay.nodes.replay:main',
-    'viewer': 'spikelane.nodes.viewer:main',
-    'wheels_to_twist': 'spikelane.nodes.wheels_to_twist:main',
-}
+NODES = ('recorder', 'replay', 'viewer', 'wheels_to_twist')
 
-setup(**setup_arguments('spikelane', NODES))
+setup(**setup_arguments('spikelane', {name: f'spikelane_entry:{name}' for name in NODES}))

@@ -1,21 +1,43 @@
-"""Where the `spikelane` command begins: from here on a signal ends it without a traceback.
+"""Where the `spikelane` command and its nodes begin; see `spikelane_sim_entry`."""
 
-It is no module of `spikelane`, whose import takes 0.2 s, as it registers the environment with
-Gymnasium. Python's own start comes before, about 30 ms, and in the script that colcon installs the
-search for this module, about 40 ms more. Ctrl-C still shows a traceback then.
-"""
-
-import signal
+from spikelane_sim_entry import take_signals
 
 
 def main() -> None:
-    """Run the command and exit.
-
-    Until `spikelane.main` has been imported, which takes notice of signals, SIGINT simply ends the
-    process, as SIGTERM does. Where it was ignored from the start, it stays so.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Run the command and exit; `spikelane.main` takes notice of signals once it is imported."""
+    take_signals()
     from spikelane.main import main as run
+
+    run()
+
+
+def recorder() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.nodes.recorder import main as run
+
+    run()
+
+
+def replay() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.runs.replay.nodes.replay import main as run
+
+    run()
+
+
+def viewer() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.nodes.viewer import main as run
+
+    run()
+
+
+def wheels_to_twist() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.nodes.wheels_to_twist import main as run
 
     run()

@@ -190,11 +190,11 @@ def _signals_held_back() -> Iterator[None]:
     An executor whose making a signal cuts short says so in a traceback when it is collected. No
     thread but this one, to which they could go, is there yet.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
 
 
 def _refuse(reason: str) -> int:

@@ -113,6 +113,9 @@ def handlers_kept() -> Iterator[None]:
 def hand_over() -> None:
     """Prepare for another program in this process: from now on a signal ends the process.
 
+    It does so once the program lets signals come, as `spikelane_sim_entry.take_signals` does: one
+    that came while Python starts would show a traceback.
+
     Raises:
         Interrupted: A signal has come already.
     """
@@ -120,6 +123,7 @@ def hand_over() -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
     check()
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
 
 
 def _note(number: int, frame: object) -> None:
