@@ -172,7 +172,7 @@ matrix:
         (
             '[1]',
             '[1]\n    robots: [tank]',
-            r":5: .*: expected p3dx or turtlebot4 or kinematic or pybullet, got 'tank'",
+            r":5: .*: expected p3dx or turtlebot4 or kinematic or pybullet or rigid, got 'tank'",
         ),
         (
             'antialias: true',

@@ -11,6 +11,7 @@
         pixels: {noisy: {model: esim, esim.shot_rate_hz: 5}}        # ... of simulator.pixels
         cameras: {paper: {}, smooth: {antialias: true}}             # ... of simulator.camera
         variants: {slow: {rstdp.c_r: 0.005}}                        # any parameters
+        sweep: {rstdp.c_r: [0.003, 0.01, 0.03]}                     # values, or a range (`sweeps`)
         courses: [1, 2, random:100]    # evaluated on, each in a run of its own; 100 in one
         conditions: {late: {simulator.link.latency_ms: 100}}        # of evaluations alone
         tasks: {train: {steps: 30000}, transfer: {states: 9000}, evaluate: {laps: 3}}
@@ -28,6 +29,7 @@ from pathlib import Path
 import re
 from typing import Any, NamedTuple
 
+from spikelane.experiment.sweeps import read_sweep
 from spikelane.experiment.tasks import controller_groups, TASKS
 from spikelane.runs.configuration import TRANSPORTS
 from spikelane_controllers.registry import controller_names
@@ -50,7 +52,7 @@ _AXES: Mapping[str, tuple[str, str]] = {
 }
 
 _REQUIRED = 'controllers tasks'
-_OPTIONAL = f'scenarios seeds transport courses {" ".join(_AXES)}'
+_OPTIONAL = f'scenarios seeds transport courses sweep {" ".join(_AXES)}'
 
 #: Names on an axis, each with the parameters it stands for.
 Axis = Mapping[str, Mapping[str, Any]]
@@ -68,7 +70,7 @@ class Block(NamedTuple):
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
     transport: str
-    axes: Mapping[str, Axis]  # robots, pixels, cameras, variants: those that are given
+    axes: Mapping[str, Axis]  # robots, pixels, cameras, variants, sweeps: those that are given
     courses: tuple[str, ...]
     conditions: Axis
     tasks: Mapping[str, Parameters]  # with their options
@@ -135,6 +137,9 @@ def _read_block(value: YamlValue) -> Block:
         for name, (prefix, bare) in _AXES.items()
         if name in fields
     }
+    if 'sweep' in fields:
+        known = _known_parameters(controllers, tasks)
+        axes |= read_sweep(fields['sweep'], known, _checked_name)
     transport = fields.get('transport')
     return Block(
         place=value.place,

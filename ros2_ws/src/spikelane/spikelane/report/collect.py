@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.experiment.sweeps import swept_parameters
 from spikelane.report.kinds import (
     check_config,
     EvaluationMetrics,
@@ -321,3 +322,5 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
     )
     if any(group.get('conditions') for group in results.get('groups', ())):
         runs.conditions.append(Conditions(folder, results))
+    if swept_parameters(results):
+        runs.swept.append(Conditions(folder, results))

@@ -10,6 +10,7 @@ import functools
 from pathlib import Path
 from typing import NamedTuple
 
+from spikelane.experiment.sweeps import swept_parameters
 from spikelane.interruption import check
 from spikelane.report.comparisons import (
     Comparison,
@@ -129,6 +130,9 @@ def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
         yield _training_time(runs.trainings, folder)
     for number, conditions in enumerate(runs.conditions):
         yield _robustness(conditions, number, folder)
+    for number, swept in enumerate(runs.swept):
+        for parameter in swept_parameters(swept.results):
+            yield _sweep(swept, parameter, number, folder)
 
 
 def _of_the_task(folder: Path) -> Iterator[_Figure]:
@@ -252,6 +256,19 @@ def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
         name,
         f'Error and share of laps completed under difficulties: {conditions.folder}',
         lambda: draw_robustness(conditions.results, folder / name, title),
+    )
+
+
+def _sweep(swept: Conditions, parameter: str, number: int, folder: Path) -> _Figure:
+    from spikelane.figures.sweep import draw_sweep
+
+    name = f'sweep_{number + 1}_{parameter}'.replace('.', '_')
+    heading = str(swept.results.get('name', 'Sweep')).replace('_', ' ').capitalize()
+    return _Figure(
+        'Sweeps',
+        name,
+        f'What {parameter} changes: {swept.folder}',
+        lambda: draw_sweep(swept.results, parameter, folder / name, heading),
     )
 
 

@@ -79,7 +79,7 @@ class TransferRun(ReportedRun):
 
 
 class Conditions(NamedTuple):
-    """The results of an experiment with conditions."""
+    """The results of an experiment with conditions, or with parameters that are swept."""
 
     folder: Path
     results: Mapping[str, Any]
@@ -117,6 +117,7 @@ class Runs:
         trainings: Of controllers that learn.
         transfers: Of policies.
         conditions: Of experiments that have them.
+        swept: Of experiments that sweep parameters.
         left_out: What cannot be used.
         variants: What experiments call the settings of their runs, by the runs' folders.
         settings: What names stand for that runs have for a setting.
@@ -127,6 +128,7 @@ class Runs:
     trainings: list[TrainingRun] = dataclasses.field(default_factory=list)
     transfers: list[TransferRun] = dataclasses.field(default_factory=list)
     conditions: list[Conditions] = dataclasses.field(default_factory=list)
+    swept: list[Conditions] = dataclasses.field(default_factory=list)
     left_out: list[LeftOut] = dataclasses.field(default_factory=list)
     settings: list[NamedSetting] = dataclasses.field(default_factory=list)
     variants: dict[Path, str] = dataclasses.field(default_factory=dict)
