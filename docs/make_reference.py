@@ -171,7 +171,7 @@ def ask_all() -> dict[str, Found]:
 
 
 def _parameters(node: Node) -> list[str]:
-    return list(node.list_parameters([], 0).result.names)
+    return list(node.list_parameters([], 0).names)
 
 
 def ask_parameters(cls: type) -> list[Row]:

@@ -18,9 +18,12 @@ TWIST = 'cmd_vel'
 CONTROLLER_STATE = 'controller/state'
 WEIGHTS = 'controller/weights'
 
+#: How publishers and the recorder meet, see `spikelane_sim.nodes.meeting`.
+RECORDER_STATE = 'recorder/state'
+PUBLISHED = 'recorder/published'
+
 #: These are the same in every namespace.
 CLOCK = '/clock'
 TF = '/tf'
 TF_STATIC = '/tf_static'
 DIAGNOSTICS = '/diagnostics'
-RECORDER_STATE = '/recorder/state'

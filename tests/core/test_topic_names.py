@@ -18,7 +18,7 @@ MODULES = [
 
 
 def test_the_names_are_those_that_users_have_in_their_files() -> None:
-    """Relative names, and five that no namespace changes."""
+    """Relative names, and four that no namespace changes."""
     assert {
         'event_camera/events',
         'event_camera/camera_info',
@@ -37,7 +37,8 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         '/tf',
         '/tf_static',
         '/diagnostics',
-        '/recorder/state',
+        'recorder/state',
+        'recorder/published',
     } == NAMES
 
 

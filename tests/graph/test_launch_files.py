@@ -36,6 +36,20 @@ FILES = sorted((ROOT / 'ros2_ws/src/spikelane/launch').glob('*.launch.py'))
 DEADLINE_S = 120.0
 
 
+#: A launch file of somebody else that puts one of ours into a namespace.
+AROUND = """
+from launch import LaunchDescription
+from launch.actions import GroupAction, IncludeLaunchDescription
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+from launch_ros.actions import PushRosNamespace
+
+
+def generate_launch_description():
+    included = IncludeLaunchDescription(AnyLaunchDescriptionSource('{file}'))
+    return LaunchDescription([GroupAction([PushRosNamespace('outer'), included])])
+"""
+
+
 class Launch(NamedTuple):
     """A launch that runs, and where its output goes."""
 
@@ -59,11 +73,13 @@ class Launch(NamedTuple):
 
 
 @contextlib.contextmanager
-def launched(folder: Path, name: str, *arguments: str) -> Iterator[Launch]:
-    """Run a launch file in a ROS domain of its own."""
-    file = ROOT / f'ros2_ws/src/spikelane/launch/{name}.launch.py'
+def launched(folder: Path, name: str | Path, *arguments: str) -> Iterator[Launch]:
+    """Run a launch file, by its path or as one of ours, in a ROS domain of its own."""
+    file = name
+    if isinstance(name, str):
+        file = ROOT / f'ros2_ws/src/spikelane/launch/{name}.launch.py'
     runner = Path(__file__).with_name('run_launch.py')
-    log = folder / f'{name}.log'
+    log = folder / f'{file.stem}.log'
     with domain_id() as domain, log.open('wb') as output:
         process = subprocess.Popen(
             [sys.executable, str(runner), str(file), *arguments],
@@ -117,6 +133,45 @@ def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(tmp_path: Path) -
     assert len(recorded) == 101
     for column in ('x_m', 'y_m', 'distance_m', 'left_rad_s', 'right_rad_s'):
         np.testing.assert_array_equal(getattr(recorded, column), getattr(driven, column))
+
+
+def counts_in(bag: Path) -> dict[str, int]:
+    """Return how many messages of each topic a bag has."""
+    with AnyReader([bag]) as reader:
+        return {each.topic: each.msgcount for each in reader.connections}
+
+
+def test_a_lap_has_a_namespace_of_its_own_or_is_put_into_one(tmp_path: Path) -> None:
+    """All topics but /diagnostics are in it, and every step is recorded."""
+    around = tmp_path / 'around.launch.py'
+    around.write_text(AROUND.format(file=ROOT / 'ros2_ws/src/spikelane/launch/lap.launch.py'))
+    given = ('max_steps:=60', 'namespace:=inner')
+    for file, space in (('lap', '/inner'), (around, '/outer/inner')):
+        bag = tmp_path / f'bag{space.count("/")}'
+        with launched(tmp_path, file, *given, f'bag:={bag}') as launch:
+            status, endings = launch.wait()
+        assert status == 0
+        assert endings == [
+            (f'{space}/{name}', 0) for name in ('simulator', 'braitenberg', 'recorder')
+        ]
+        counts = counts_in(bag)
+        assert {topic for topic in counts if not topic.startswith(f'{space}/')} == {'/diagnostics'}
+        every = [
+            f'{space}/{name}' for name in ('clock', 'tf', 'lane/distance', 'controller/state')
+        ]
+        assert {topic: counts[topic] for topic in every} == dict.fromkeys(every, 61)
+
+
+def test_a_comparison_may_be_put_into_a_namespace(tmp_path: Path) -> None:
+    """Its recorder is met from the controllers' namespaces."""
+    around = tmp_path / 'around.launch.py'
+    around.write_text(AROUND.format(file=ROOT / 'ros2_ws/src/spikelane/launch/compare.launch.py'))
+    with launched(tmp_path, around, 'max_steps:=60', f'bag:={tmp_path / "bag"}') as launch:
+        status, endings = launch.wait()
+    assert (status, endings[-1]) == (0, ('/outer/recorder', 0))
+    counts = counts_in(tmp_path / 'bag')
+    every = [f'/outer/{name}/clock' for name in ('braitenberg', 'rstdp')]
+    assert {topic: counts[topic] for topic in every} == dict.fromkeys(every, 61)
 
 
 def test_controllers_are_compared_side_by_side(tmp_path: Path) -> None:

@@ -175,9 +175,8 @@ def test_a_simulator_that_ends_while_it_is_reset_is_named(tmp_path: Path) -> Non
         command.until(lambda: command.pids('braitenberg'), 'the controller')
         controller = command.pids('braitenberg')[0]
         os.kill(controller, signal.SIGSTOP)
-        command.until(
-            lambda: log.exists() and 'waiting for 2 subscribers' in log.read_text(), 'the reset'
-        )
+        waiting = 'waiting for /braitenberg to subscribe to '
+        command.until(lambda: log.exists() and waiting in log.read_text(), 'the reset')
         os.kill(command.pids('simulator')[0], signal.SIGTERM)
         os.kill(controller, signal.SIGCONT)
         assert command.wait() == 1

@@ -19,7 +19,7 @@ from spikelane.runs.train.run import train
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import Observation, WheelVelocities
-from spikelane_sim.nodes.topics import LATCHED
+from spikelane_sim.nodes.meeting import LATCHED
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 

@@ -18,7 +18,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from spikelane_msgs.msg import ControllerState, LaneState, RecorderState, WheelVelocities
+from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
 
 from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_controllers.nodes.controller_parameters import (
@@ -35,10 +35,9 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
+from spikelane_sim.nodes.meeting import Meeting
 from spikelane_sim.nodes.pairing import StampGroups
-from spikelane_sim.nodes.recorder_window import RecorderWindow
 from spikelane_sim.nodes.ros_parameters import declare_parameters
-from spikelane_sim.nodes.topics import LATCHED
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
@@ -63,6 +62,7 @@ class ControllerNode(Node):
         """
         super().__init__(name)
         self.exit_status = 0
+        self.is_done = False
         self._settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
@@ -77,7 +77,6 @@ class ControllerNode(Node):
         self._state = ControllerState(
             controller=name, neurons=list(shown_by(self._driver).neurons)
         )
-        # The wheel velocities' publisher is made last: who is matched to it is matched to both.
         kept = QoSProfile(depth=self._settings.history_depth)
         self._states = KeptPublisher(
             self, ControllerState, topic_names.CONTROLLER_STATE, kept, self._on_match
@@ -95,16 +94,22 @@ class ControllerNode(Node):
             )
         self._encoders: WheelEncoders | None = None  # of the observation at hand
         self._groups = StampGroups(self._on_group, 3 if self._has_encoders else 2)
-        # A camera waits for nobody.
-        is_lockstep = self._settings.use_lane_state
-        steps = self._settings.recorder_window_steps if is_lockstep else 0
-        self._window = RecorderWindow(
-            steps, lambda: {each.topic: each.sent for each in (self._states, self._wheels)}
-        )
         self._observations = DirectSubscriptions(
-            self, lambda: self._groups.lacks_others or self._window.is_full
+            self, lambda: self._groups.lacks_others or self._meeting.needs_recorder
         )
         self._subscribe()
+        # A camera waits for nobody.
+        is_lockstep = self._settings.use_lane_state
+        self._meeting = Meeting(
+            self,
+            self._observations,
+            self._settings,
+            steps=(self._states, self._wheels),
+            heard=1,
+            others=self._other_publishers(),
+            window_steps=self._settings.recorder_window_steps if is_lockstep else 0,
+            on_open=self._on_open,
+        )
         self._begin_to_look()
         self._start()
 
@@ -112,14 +117,19 @@ class ControllerNode(Node):
         """Answer nothing more, and say where that cuts an episode short; see `run_node`."""
         with self._lock:
             self._is_halted = True
-        lane = self._lane
-        if lane is not None and lane.step and not lane.terminated:
-            self._cut_short(number, f'in episode {lane.episode}, after {lane.step} steps')
+        self._check_cut_short(number)
+        self._meeting.end(is_cut_short=self.exit_status != 0)
 
     def destroy_node(self) -> None:
         """Stop answering."""
         self._observations.stop()
         super().destroy_node()
+
+    def _check_cut_short(self, number: int) -> None:
+        """Find out whether a signal ends the node before its work is done."""
+        lane = self._lane
+        if lane is not None and lane.step and not lane.terminated:
+            self._cut_short(number, f'in episode {lane.episode}, after {lane.step} steps')
 
     def _cut_short(self, number: int, where: str) -> None:
         """Say where a signal ends the node before its work is done."""
@@ -178,16 +188,6 @@ class ControllerNode(Node):
             event_callbacks=callbacks,
         )
 
-        if self._window.is_used:
-            self._observations.subscribe(
-                RecorderState,
-                topic_names.RECORDER_STATE,
-                self._on_recorder,
-                LATCHED,
-                is_companion=True,
-                is_wanted=lambda: self._window.wants_news,
-            )
-
     def _events_qos(self) -> QoSProfile:
         # A simulator waits for us; a camera does not, and sends many packets a step.
         depth = 10 if self._settings.use_lane_state else 1000
@@ -230,6 +230,8 @@ class ControllerNode(Node):
 
     def _lacks(self) -> str:
         """Return what was received and what is lacking for the next step."""
+        if self._is_answered and not self._is_sent and self._meeting.waits_for:
+            return f'waiting for {self._meeting.waits_for}'
         publishers = self.count_publishers(topic_names.EVENTS)
         received = f'received {self._received} event packets'
         if self._settings.use_lane_state:
@@ -256,6 +258,10 @@ class ControllerNode(Node):
         """Return what answers: the controller itself, or something that asks it."""
         del name
         return driver
+
+    def _other_publishers(self) -> tuple[KeptPublisher, ...]:
+        """Return the publishers of what is recorded and does not come with each answer."""
+        return ()
 
     def _start(self) -> None:
         """Begin to answer."""
@@ -317,7 +323,13 @@ class ControllerNode(Node):
             f'{topic_names.EVENTS}: {count} packets were lost', throttle_duration_sec=1.0
         )
 
+    def _on_open(self) -> None:
+        with self._lock:
+            if not self._is_sent:
+                self._publish_answer()
+
     def _on_match(self) -> None:
+        self._meeting.look_again()
         with self._lock:
             if self._is_sent:
                 self._states.send_again(self._filled_state)
@@ -330,19 +342,12 @@ class ControllerNode(Node):
             self._publish_answer()
 
     def _publish_answer(self) -> None:
-        has_subscribers = self._wheels.subscribers >= self._settings.wait_for_subscribers
-        if self._is_answered and has_subscribers and not self._window.is_full:
+        if self._is_answered and self._meeting.is_open:
             if not self._is_sent:
                 self._states.send(self._filled_state)
             self._is_sent = True
-            self._window.count_step()
+            self._meeting.window.count_step()
             self._wheels.send(lambda: self._answer)
-
-    def _on_recorder(self, state: RecorderState) -> None:
-        with self._lock:
-            self._window.update(state)
-            if not self._is_sent:
-                self._publish_answer()
 
     def _filled_state(self) -> ControllerState:
         state = self._state

@@ -8,7 +8,8 @@ from rclpy.qos import ReliabilityPolicy
 
 from spikelane_sim.binning import SensorParameters
 from spikelane_sim.filters import FilterParameters
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.nodes.meeting import MeetingParameters
+from spikelane_sim.parameters import nested, parameter
 
 RELIABILITIES = {
     'auto': ReliabilityPolicy.RELIABLE,  # until a publisher is met that is not
@@ -18,28 +19,12 @@ RELIABILITIES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerNodeParameters(Parameters):
+class ControllerNodeParameters(MeetingParameters):
     """How a controller takes part in a ROS graph."""
 
     seed: int = parameter(0, "Seed of the controller's randomness.", low=0, high=2**63 - 1)
     use_lane_state: bool = parameter(
         True, 'Wait for lane/state with each event packet; false for a real camera.'
-    )
-    history_depth: int = parameter(
-        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
-    )
-    recorder_window_steps: int = parameter(
-        0,
-        'Steps that an answer to a simulator may be ahead of what the recorder has written, well '
-        'below history_depth; 0: nothing waits for a recorder.',
-        low=0,
-        high=10**6,
-    )
-    wait_for_subscribers: int = parameter(
-        0,
-        'Subscribers wheel_velocities must have before an answer is published.',
-        low=0,
-        high=1000,
     )
     reliability: str = parameter(
         'auto',

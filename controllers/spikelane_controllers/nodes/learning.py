@@ -28,6 +28,7 @@ from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -55,9 +56,8 @@ class LearningNode(ControllerNode):
         """The training, None where the controller only drives."""
         return self._controller if isinstance(self._controller, Training) else None
 
-    def halt(self, number: int) -> None:
-        """Answer nothing more, and say where that cuts a training short; see `run_node`."""
-        super().halt(number)
+    def _check_cut_short(self, number: int) -> None:
+        super()._check_cut_short(number)
         training = self._training
         if training is not None and not training.is_done:
             self._cut_short(
@@ -66,8 +66,11 @@ class LearningNode(ControllerNode):
                 'from the last checkpoint',
             )
 
+    def _other_publishers(self) -> tuple[KeptPublisher, ...]:
+        return (self._weights,)
+
     def _make_driver(self, name: str) -> Controller:
-        self._weights = self.create_publisher(Weights, topic_names.WEIGHTS, _WEIGHTS)
+        self._weights = KeptPublisher(self, Weights, topic_names.WEIGHTS, _WEIGHTS)
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
         check_learning_parameters(name, specs)
         if declare_parameter(self, specs['learning']):
@@ -113,7 +116,7 @@ class LearningNode(ControllerNode):
         self._first_stamp_ns: int | None = None  # of the training's first episode, to wait for
         if self._training is None:
             super()._start()
-        elif self._is_done:
+        elif self._has_learnt:
             self.context.try_shutdown()
         else:
             # Steady time: that of the simulator does not pass before it is reset.
@@ -147,13 +150,16 @@ class LearningNode(ControllerNode):
         if self._first_stamp_ns not in (None, messages.to_stamp_ns(packet.header.stamp)):
             return
         self._first_stamp_ns = None
-        if not self._is_done:  # the next observation may be here before the node has ended
+        if not self._has_learnt:  # the next observation may be here before the node has ended
             super()._on_observation(lane, packet)
-        if self._is_done:
-            self.context.try_shutdown()
+        if self._has_learnt:
+            self._meeting.end(is_cut_short=False)
+            self.is_done = True
+            if self.executor is not None:
+                self.executor.wake()
 
     @property
-    def _is_done(self) -> bool:
+    def _has_learnt(self) -> bool:
         return self._training is not None and self._training.is_done
 
     def _step(self, observation: Observation) -> None:
@@ -161,7 +167,7 @@ class LearningNode(ControllerNode):
         if self._training is None:
             return
         observed = self._steps + 1  # this one included
-        if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.get_subscription_count():
+        if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.subscribers:
             self._publish_weights(self._driver, observation.stamp_ns)
         if self._training.needs_reset:
             # Its answer is not waited for: the first observation comes by itself.

@@ -1,13 +1,21 @@
-"""Publishers that send their last message again where a subscriber has missed it."""
+"""Publishers that know whom their messages reach, and who has missed the last one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.duration import Infinite
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    LivelinessPolicy,
+    qos_check_compatible,
+    QoSCompatibility,
+    QoSProfile,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
 class KeptPublisher:
@@ -18,7 +26,7 @@ class KeptPublisher:
     itself, just before it would send.
 
     Attributes:
-        sent: Messages sent.
+        sent: Messages sent, which is the sequence number of the last one.
     """
 
     def __init__(
@@ -27,7 +35,7 @@ class KeptPublisher:
         kind: type,
         topic: str,
         qos: QoSProfile,
-        on_match: Callable[[], None],
+        on_match: Callable[[], None] = lambda: None,
     ) -> None:
         """Create the publisher.
 
@@ -40,6 +48,16 @@ class KeptPublisher:
         """
         self.sent = 0
         self._reached = 0
+        self._node = node
+        # What is not given is discovered as infinite, and only compared as such.
+        self._offered = QoSProfile(
+            depth=qos.depth,
+            durability=qos.durability,
+            deadline=Infinite,
+            liveliness=LivelinessPolicy.AUTOMATIC,
+            liveliness_lease_duration=Infinite,
+        )
+        self._type = f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
         self._publisher = node.create_publisher(
             kind,
             topic,
@@ -47,11 +65,7 @@ class KeptPublisher:
             event_callbacks=PublisherEventCallbacks(matched=self._on_match),
         )
         self._tell = on_match
-
-    @property
-    def topic(self) -> str:
-        """Full name of the topic."""
-        return str(self._publisher.topic_name)
+        self.topic = str(self._publisher.topic_name)
 
     @property
     def subscribers(self) -> int:
@@ -59,9 +73,32 @@ class KeptPublisher:
         return int(self._publisher.get_subscription_count())
 
     @property
+    def is_latched(self) -> bool:
+        """Whether the last messages are kept for subscribers to come."""
+        return bool(self._offered.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+    @property
     def is_missed(self) -> bool:
         """Whether a subscriber has joined that the last message has not reached."""
         return self.subscribers > self._reached
+
+    def listeners(self) -> list[str]:
+        """Return the full names of the nodes that messages reach now, or are about to reach."""
+        return [
+            full_name(info)
+            for info in self._node.get_subscriptions_info_by_topic(self.topic)
+            if info.topic_type == self._type and self._reaches(info.qos_profile)
+        ]
+
+    def _reaches(self, wanted: QoSProfile) -> bool:
+        compatibility, _ = qos_check_compatible(self._offered, wanted)
+        return bool(compatibility != QoSCompatibility.ERROR)
+
+    def publish(self, message: Any) -> None:
+        """Send a message whether or not anybody subscribes, as to latch it."""
+        self._reached = self.subscribers
+        self.sent += 1
+        self._publisher.publish(message)
 
     def send(self, make: Callable[[], Any]) -> None:
         """Send a message, which is made only where somebody subscribes."""
@@ -82,3 +119,8 @@ class KeptPublisher:
             self._reached -= left
         self._reached = max(0, min(self._reached, self.subscribers))
         self._tell()
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the full name of the node that publishes or subscribes."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

@@ -40,7 +40,8 @@ class RunnableNode(Protocol):
 
     A node may also have `halt(number)`: called in another thread when signal `number` has come, it
     stops whatever the node does by itself, at once, and sets `exit_status` to 128 + number where
-    that cuts something short.
+    that cuts something short. A node that has `is_done` ends by itself, once that is true and what
+    it has published has arrived.
     """
 
     exit_status: int
@@ -78,6 +79,8 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
                 # rclpy wakes the executor before it shuts down: one that is quick to look finds
                 # nothing changed, and would wait for ever.
                 executor.spin_once(timeout_sec=_LOOK_EVERY_S)
+                if getattr(node, 'is_done', False):
+                    ending.end()
         except SpikelaneError as error:
             # One that comes after a signal says only that the middleware was shut down.
             if rclpy.ok() or not ending.number:
@@ -117,10 +120,17 @@ class _Ending:
         self._told, teller = socket.socketpair()
         teller.setblocking(False)
         self._teller = teller
+        self._is_asked = False
         signal.set_wakeup_fd(teller.fileno(), warn_on_full_buffer=False)
         for number in _SIGNALS:
             signal.signal(number, lambda number, frame: None)
         self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def end(self) -> None:
+        """End without a signal, as the node has nothing more to do."""
+        if not (self._is_asked or self.number):  # a second byte would hurry it
+            self._is_asked = True
+            self._teller.send(bytes(1))
 
     def __enter__(self) -> None:
         """Begin to wait."""
@@ -143,9 +153,10 @@ class _Ending:
         if not number:
             return
         self.number = number[0]
-        if self.node is not None:
+        if self.node is not None and self.number:
             with contextlib.suppress(RuntimeError):  # it ends by itself meanwhile
                 getattr(self.node, 'halt', lambda number: None)(self.number)
+        if self.node is not None:
             self._deliver(self.node)
         rclpy.try_shutdown()
         if self.node is None:

@@ -8,19 +8,18 @@ import sys
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from spikelane_msgs.msg import RecorderState
 
 from spikelane_sim import topic_names
 from spikelane_sim.contract import Observation, STEP_S
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
-from spikelane_sim.nodes.recorder_window import RecorderWindow
+from spikelane_sim.nodes.meeting import Meeting, MeetingParameters
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
-from spikelane_sim.nodes.topics import LATCHED, SimulatorTopics
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.parameters import parameter
 from spikelane_sim.run_state import Publish
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -31,7 +30,7 @@ ENDING_CHECK_PERIOD_S = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatorNodeParameters(Parameters):
+class SimulatorNodeParameters(MeetingParameters):
     """How the simulator takes part in a ROS graph."""
 
     mode: str = parameter(
@@ -65,22 +64,6 @@ class SimulatorNodeParameters(Parameters):
     event_encoding: str = parameter(
         'evt3', 'Encoding of the event packets.', choices=('evt3', 'mono')
     )
-    history_depth: int = parameter(
-        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
-    )
-    recorder_window_steps: int = parameter(
-        0,
-        'Steps that an observation in lockstep may be ahead of what the recorder has written, '
-        'well below history_depth; 0: nothing waits for a recorder.',
-        low=0,
-        high=10**6,
-    )
-    wait_for_subscribers: int = parameter(
-        0,
-        'Subscribers event_camera/events must have before an observation is published.',
-        low=0,
-        high=1000,
-    )
 
 
 class SimulatorNode(Node):
@@ -94,6 +77,7 @@ class SimulatorNode(Node):
         """
         super().__init__('simulator')
         self.exit_status = 0
+        self.is_done = False
         self._settings = settings = declare_parameters(self, SimulatorNodeParameters)
         self._simulator = Simulator(declare_parameters(self, SimulatorParameters))
         is_realtime = settings.mode == 'realtime'
@@ -108,27 +92,26 @@ class SimulatorNode(Node):
             self._simulator,
             Publish(
                 self._publish,
-                self._has_subscribers,
+                lambda: self._meeting.is_open,
                 lambda: self.count_publishers(topic_names.WHEELS) > 0,
             ),
             seed=settings.seed,
             lane=settings.lane or None,
             hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
         )
-        window_steps = 0 if is_realtime else settings.recorder_window_steps
-        self._window = RecorderWindow(window_steps, self._topics.sent)
-        self._direct = DirectSubscriptions(self, lambda: self._window.is_full)
+        self._direct = DirectSubscriptions(self, lambda: self._meeting.needs_recorder)
         robot = self._simulator.parameters.robot
         self._commands = Commands(self, self._direct, robot, self._stepper, self._notice)
-        if self._window.is_used:
-            self._direct.subscribe(
-                RecorderState,
-                topic_names.RECORDER_STATE,
-                self._on_recorder,
-                LATCHED,
-                is_companion=True,
-                is_wanted=lambda: self._window.wants_news,
-            )
+        self._meeting = Meeting(
+            self,
+            self._direct,
+            settings,
+            steps=self._topics.steps,
+            heard=2,  # lane state and events
+            others=self._topics.latched,
+            window_steps=0 if is_realtime else settings.recorder_window_steps,
+            on_open=self._on_open,
+        )
         # Steady time: this node makes /clock and must not wait for it.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if is_realtime:
@@ -141,7 +124,7 @@ class SimulatorNode(Node):
             self._stepper,
             self._topics,
             self._commands,
-            self._window,
+            self._meeting.window,
         )
         self.create_timer(1.0, self._diagnostics.look_and_publish, clock=steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
@@ -172,6 +155,7 @@ class SimulatorNode(Node):
                 when = f'in episode {lane.episode}, after {lane.step} steps'
             self.get_logger().warning(f'ended by {signal.Signals(number).name} {when}')
             self.exit_status = 128 + number
+        self._meeting.end(is_cut_short=self.exit_status != 0)
         self._diagnostics.publish()
 
     def destroy_node(self) -> None:
@@ -180,26 +164,16 @@ class SimulatorNode(Node):
         self._simulator.close()
         super().destroy_node()
 
-    def _has_subscribers(self) -> bool:
-        """Return whether all are there who must hear an observation, and the recorder keeps up."""
-        if self._topics.event_subscribers < self._settings.wait_for_subscribers:
-            return False
-        if self._window.is_full:
-            self._direct.wake()  # and wait for the recorder
-            return False
-        return True
-
-    def _on_recorder(self, state: RecorderState) -> None:
-        self._window.update(state)
-        if not self._window.is_full:
-            self._stepper.audience_changed(has_grown=False)
+    def _on_open(self) -> None:
+        self._stepper.audience_changed(has_grown=False)
 
     def _publish(self, observation: Observation, is_new: bool) -> None:
         self._topics.publish(observation, is_new)
-        self._window.count_step()
+        self._meeting.window.count_step()
         self._diagnostics.notice()
 
     def _on_match(self) -> None:
+        self._meeting.look_again()
         self._stepper.audience_changed(has_grown=self._topics.is_missed)
 
     def _notice(self) -> None:
@@ -213,15 +187,19 @@ class SimulatorNode(Node):
             and lane.episode >= self._settings.end_after_episodes
             and self._stepper.is_answered
         ):
-            self.context.try_shutdown()
+            self._stepper.quit()
+            self._meeting.end(is_cut_short=False)
+            self.is_done = True
 
     def _warn_if_waiting(self) -> None:
         if self._stepper.steps != self._steps_at_warning:
             self._steps_at_warning = self._stepper.steps
-        elif self._window.is_full:
+        elif self._stepper.lacks_subscribers and self._meeting.waits_for:
+            self.get_logger().warning(f'waiting for {self._meeting.waits_for}')
+        elif self._meeting.window.is_full:
             self.get_logger().warning(
                 f'waiting for the recorder: it has not written the last '
-                f'{self._window.steps_ahead} steps; '
+                f'{self._meeting.window.steps_ahead} steps; '
                 f'{self.count_publishers(topic_names.RECORDER_STATE)} publishers of '
                 f'{topic_names.RECORDER_STATE} are there'
             )

@@ -10,7 +10,7 @@ from event_camera_msgs.msg import EventPacket
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from spikelane_msgs.msg import LaneState as LaneStateMessage
@@ -22,19 +22,21 @@ from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.messages import WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
+from spikelane_sim.nodes.meeting import LATCHED
 from spikelane_sim.robots.registry import robot_model
 from spikelane_sim.simulator import Simulator
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class SimulatorTopics:
     """Publishes an observation on the topics that somebody subscribes to.
 
     Messages are made once and refilled. Event packets are published last: whoever has the packet
-    of a step can count on the rest of the step having been sent. Their publisher is also made
-    last, so that a subscriber matched to it is matched to all. A subscriber that is met too late
+    of a step can count on the rest of the step having been sent. A subscriber that is met too late
     for a topic of an observation is sent that topic afterwards.
+
+    Attributes:
+        steps: Publishers of one message an observation, in the order of publishing.
+        latched: Publishers of what does not change.
     """
 
     def __init__(
@@ -58,8 +60,9 @@ class SimulatorTopics:
         self._encoding = encoding
         self._packets = 0
         self._make_messages(simulator)
-        self._tf_static = node.create_publisher(TFMessage, topic_names.TF_STATIC, LATCHED)
-        self._description = node.create_publisher(String, topic_names.ROBOT_DESCRIPTION, LATCHED)
+        tf_static = KeptPublisher(node, TFMessage, topic_names.TF_STATIC, LATCHED, on_match)
+        description = KeptPublisher(node, String, topic_names.ROBOT_DESCRIPTION, LATCHED, on_match)
+        self.latched = (tf_static, description)
         topics: tuple[tuple[type, str, Callable[[Observation], Any]], ...] = (
             (Clock, topic_names.CLOCK, self._fill_clock),
             (TFMessage, topic_names.TF, self._fill_tf),
@@ -75,17 +78,15 @@ class SimulatorTopics:
         self._topics = tuple(
             (KeptPublisher(node, kind, topic, qos, on_match), fill) for kind, topic, fill in topics
         )
-        self._events, _ = self._topics[-1]
-        self._tf_static.publish(
-            TFMessage(transforms=[conversions.camera_transform(simulator.camera)])
-        )
+        self.steps = tuple(publisher for publisher, _ in self._topics)
+        tf_static.publish(TFMessage(transforms=[conversions.camera_transform(simulator.camera)]))
         urdf = robot_model(simulator.parameters.robot.model).urdf
-        self._description.publish(String(data=urdf.read_text(encoding='utf-8')))
+        description.publish(String(data=urdf.read_text(encoding='utf-8')))
 
     @property
     def event_subscribers(self) -> int:
         """Subscribers that the event packets reach."""
-        return self._events.subscribers
+        return self.steps[-1].subscribers
 
     @property
     def is_missed(self) -> bool:
@@ -96,10 +97,6 @@ class SimulatorTopics:
     def packets(self) -> int:
         """Event packets published, or that would have been had somebody subscribed."""
         return self._packets
-
-    def sent(self) -> dict[str, int]:
-        """Return how many messages were published on each topic of an observation."""
-        return {publisher.topic: publisher.sent for publisher, _ in self._topics}
 
     def publish(self, observation: Observation, is_new: bool = True) -> None:
         """Publish an observation; one that is not new goes where it was missed."""

@@ -55,14 +55,8 @@ def start(context: LaunchContext) -> list[Any]:
     }
     pairs = [
         [
-            # The first is the one that is shown.
-            graph.simulator(
-                arguments,
-                lap,
-                listeners=1 + is_recorded + (is_viewed and name == names[0]),
-                namespace=name,
-            ),
-            graph.controller(name, arguments, {}, listeners=1 + is_recorded, namespace=name),
+            graph.simulator(arguments, name, lap, namespace=name),
+            graph.controller(name, arguments, {}, namespace=name),
         ]
         for name in names
     ]
@@ -72,6 +66,7 @@ def start(context: LaunchContext) -> list[Any]:
         *(topic for name in names for topic in graph.in_namespace(name)),
     ]
     recording = [graph.recorder(arguments, facts, topics)] if is_recorded else []
-    viewing = [graph.viewer({}, names[0])] if is_viewed else []
+    # The first is the one that is shown.
+    viewing = [graph.viewer(arguments, {}, namespace=names[0])] if is_viewed else []
     ending = graph.end_in_order(pairs, recording, viewing)
     return [*ending, *recording, *viewing, *(node for pair in pairs for node in pair)]

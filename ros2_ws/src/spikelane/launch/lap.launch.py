@@ -16,6 +16,7 @@ def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the rest depends on them."""
     return LaunchDescription(
         [
+            graph.namespace_argument(),
             *graph.run_arguments(),
             *graph.controller_arguments(),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
@@ -37,11 +38,11 @@ def start(context: LaunchContext) -> list[Any]:
         'end_after_episodes': 1,
     }
     driving = [
-        graph.simulator(arguments, lap, listeners=1 + is_recorded + is_viewed),
-        graph.controller(name, arguments, {}, listeners=1 + is_recorded),
+        graph.simulator(arguments, name, lap),
+        graph.controller(name, arguments, {}),
     ]
     facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
     recording = [graph.recorder(arguments, facts)] if is_recorded else []
-    viewing = [graph.viewer({})] if is_viewed else []
+    viewing = [graph.viewer(arguments, {})] if is_viewed else []
     ending = graph.end_in_order([driving], recording, viewing)
     return [*ending, *recording, *viewing, *driving]

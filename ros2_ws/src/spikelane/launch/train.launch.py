@@ -18,6 +18,7 @@ def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the rest depends on them."""
     return LaunchDescription(
         [
+            graph.namespace_argument(),
             *graph.run_arguments(record=False),
             *graph.controller_arguments(training_names(), default=usual_training()),
             graph.argument('output', "Folder of the training's checkpoints."),
@@ -43,11 +44,11 @@ def start(context: LaunchContext) -> list[Any]:
         **({'steps': steps} if steps else {}),
     }
     driving = [
-        graph.simulator(arguments, defaults['simulator'], listeners=1 + is_recorded + is_viewed),
-        graph.controller(name, arguments, defaults[name] | learning, listeners=1 + is_recorded),
+        graph.simulator(arguments, name, defaults['simulator']),
+        graph.controller(name, arguments, defaults[name] | learning),
     ]
     facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
     recording = [graph.recorder(arguments, facts)] if is_recorded else []
-    viewing = [graph.viewer({})] if is_viewed else []
+    viewing = [graph.viewer(arguments, {})] if is_viewed else []
     ending = graph.end_in_order([driving], recording, viewing)
     return [*ending, *recording, *viewing, *driving]

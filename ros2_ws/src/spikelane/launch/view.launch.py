@@ -50,5 +50,5 @@ def start(context: LaunchContext) -> list[Any]:
         node = Node(package='foxglove_bridge', executable='foxglove_bridge', parameters=[bridge])
     else:
         settings = {'web_port': port} if port else {}
-        node = graph.viewer(settings, arguments.text('namespace'))
+        node = graph.viewer(arguments, settings)
     return [*graph.end_in_order([], [], [node]), node]

@@ -33,6 +33,8 @@ class Recording:
         self._clock_ns: int | None = None
         self._early: list[Arrival] = []
         self._watched: dict[int, int | None] = {}
+        self._first: dict[int, int] = {}  # number of the first message of a watched topic
+        self._lacking: Counter[int] = Counter()
         self._gaps: Counter[int] = Counter()
         self._reported: Counter[int] = Counter()
 
@@ -52,6 +54,23 @@ class Recording:
             # Those of the first moments, when nobody knew of the second publisher.
             self._gaps.pop(topic_id, None)
 
+    def compare(self, topic_id: int, first: int, last: int) -> None:
+        """Compare what was written of a watched topic with what its publisher sent.
+
+        Args:
+            topic_id: The topic.
+            first: Number of the first message that was to be recorded.
+            last: Number of the last message sent.
+        """
+        written = self._watched.get(topic_id)
+        if topic_id not in self._watched:
+            return  # of several publishers, each of which counts for itself
+        if written is None:
+            self._lacking[topic_id] = max(last - first + 1, 0)
+        else:
+            head, tail = self._first[topic_id] - first, last - written
+            self._lacking[topic_id] = max(head, 0) + max(tail, 0)
+
     def report_lost(self, topic_id: int, count: int) -> None:
         """Take how many messages of a topic the middleware has counted as lost in all."""
         if topic_id != NOT_RECORDED:
@@ -62,9 +81,9 @@ class Recording:
         """Messages that were sent and did not arrive, by topic; topics without any are left out.
 
         The numbering tells also what came and was dropped before it was taken, the middleware also
-        what several publishers sent.
+        what several publishers sent, and the publishers what is lacking at either end.
         """
-        return +(self._gaps | self._reported)
+        return +((self._gaps + self._lacking) | self._reported)
 
     @property
     def lost_count(self) -> int:
@@ -116,6 +135,8 @@ class Recording:
 
     def _count_losses(self, topic_id: int, sequence: int) -> None:
         last = self._watched[topic_id]
+        if last is None:
+            self._first[topic_id] = sequence
         if last is not None and sequence > last + 1:
             self._gaps[topic_id] += sequence - last - 1
         self._watched[topic_id] = sequence

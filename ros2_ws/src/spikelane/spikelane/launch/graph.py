@@ -18,17 +18,22 @@ from launch.events import matches_action
 from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.utilities import prefix_namespace
 
 from spikelane.executables import executables
-from spikelane.runs.lap.nodes.driving import RECORDED_DEPTH, recorded_topics, recorder_windows
+from spikelane.runs.lap.nodes.driving import recorded_topics
 from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.nodes.meeting import meeting_parameters
 from spikelane_sim.parsing import ParseError, read_yaml_file
 
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
 _GLOBAL_TOPICS = (topic_names.CLOCK, topic_names.TF, topic_names.TF_STATIC)
+
+#: Topics on which publishers meet the recorder, in the recorder's namespace.
+_MEETING_TOPICS = (topic_names.RECORDER_STATE, topic_names.PUBLISHED)
 
 #: How a node may end that was told to: at its leisure, or by the signals of a launch.
 _TOLD_STATUSES = (
@@ -57,6 +62,12 @@ class Arguments:
             return int(self.text(name))
         except ValueError:
             raise ValueError(f'{name}: expected a whole number, got {self.text(name)!r}') from None
+
+    @property
+    def pushed_namespace(self) -> str | None:
+        """The full namespace that the launch is included in; None where there is none."""
+        pushed = self._context.launch_configurations.get('ros_namespace')
+        return None if pushed is None else str(pushed)
 
     def is_true(self, name: str) -> bool:
         """Return an argument that is true or false."""
@@ -96,6 +107,15 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
     ]
 
 
+def namespace_argument() -> DeclareLaunchArgument:
+    """Declare the namespace of all nodes."""
+    return argument(
+        'namespace',
+        'Namespace of all nodes and topics, with /clock and /tf in it; empty: none.',
+        '',
+    )
+
+
 def controller_arguments(
     controllers: Iterable[str] | None = None, default: str | None = None
 ) -> list[DeclareLaunchArgument]:
@@ -115,21 +135,22 @@ def controller_arguments(
 
 
 def simulator(
-    arguments: Arguments, others: Mapping[str, Any], *, listeners: int, namespace: str = ''
+    arguments: Arguments, driver: str, others: Mapping[str, Any], *, namespace: str = ''
 ) -> Node:
     """Return the simulator in the argument's scenario and with its seed.
 
     Args:
         arguments: Arguments of the launch.
+        driver: The controller that it waits for, in the same namespace.
         others: More parameters, under dotted names.
-        listeners: Nodes that must hear the first observation.
-        namespace: Namespace of the node.
+        namespace: Namespace of the node within that of the launch.
     """
     shipped = _shipped('spikelane_sim', f'scenario_{arguments.text("scenario")}')
     file = Path(arguments.text('simulator_file') or shipped)
-    both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
-    recorded = _recorded(arguments, 'simulator')
-    return _node('simulator', namespace, [_in_file(file, 'simulator'), both, recorded, others])
+    seed = {'seed': arguments.number('seed')}
+    waiting, _ = meeting_parameters(driver, is_recorded=arguments.is_true('record'))
+    parameters = [_in_file(file, 'simulator'), seed, waiting, others]
+    return _node(arguments, 'simulator', namespace, parameters)
 
 
 def controller(
@@ -137,7 +158,6 @@ def controller(
     arguments: Arguments,
     others: Mapping[str, Any],
     *,
-    listeners: int,
     namespace: str = '',
 ) -> Node:
     """Return a controller, with the weights shipped for the scenario where it has some.
@@ -146,29 +166,23 @@ def controller(
         name: In the registry.
         arguments: Arguments of the launch.
         others: More parameters, under dotted names.
-        listeners: Nodes that must hear the first answer.
-        namespace: Namespace of the node.
+        namespace: Namespace of the node within that of the launch.
     """
     shipped = _shipped(controller_packages()[name], name)
     given = arguments.text('controller_file')
     course = f'scenario_{arguments.text("scenario")}'
     weights = {'checkpoint': course} if course in shipped_weights(name) and not given else {}
-    both = {'seed': arguments.number('seed'), 'wait_for_subscribers': listeners}
-    recorded = _recorded(arguments, 'controller')
+    seed = {'seed': arguments.number('seed')}
+    _, waiting = meeting_parameters(name, is_recorded=arguments.is_true('record'))
     # Another package need not have a file of defaults.
     file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
-    return _node(name, namespace, [file, weights, both, recorded, others])
-
-
-def _recorded(arguments: Arguments, node: str) -> dict[str, int]:
-    """Return the parameters with which the simulator or a controller waits for the recorder."""
-    if not arguments.is_true('record'):
-        return {}
-    return {'history_depth': RECORDED_DEPTH, **recorder_windows(True)[node]}
+    return _node(arguments, name, namespace, [file, weights, seed, waiting, others])
 
 
 def recorder(
-    arguments: Arguments, facts: Mapping[str, Any], topics: Sequence[str] | None = None
+    arguments: Arguments,
+    facts: Mapping[str, Any],
+    topics: Sequence[str] | None = None,
 ) -> Node:
     """Return the recorder of some topics.
 
@@ -181,16 +195,16 @@ def recorder(
     settings = {
         'output': arguments.text('bag'),
         'topics': names,
-        'needed': [name for name in names if name.endswith(f'/{topic_names.LANE_STATE}')],
+        'needed': [name for name in names if name.endswith(topic_names.LANE_STATE)],
         'custom_data': [f'{name}={value}' for name, value in facts.items()],
     }
     file = _in_file(Path(_shipped('spikelane', 'recorder')), 'recorder')
-    return _node('recorder', '', [file, settings])
+    return _node(arguments, 'recorder', '', [file, settings])
 
 
-def viewer(others: Mapping[str, Any], namespace: str = '') -> Node:
+def viewer(arguments: Arguments, others: Mapping[str, Any], *, namespace: str = '') -> Node:
     """Return the viewer, with parameters."""
-    return _node('viewer', namespace, [others])
+    return _node(arguments, 'viewer', namespace, [others])
 
 
 def end_in_order(
@@ -249,17 +263,29 @@ def _ended(event: Any) -> str:
 def in_namespace(namespace: str) -> list[str]:
     """Return the topics to record in a namespace, which is named after its controller."""
     topics = recorded_topics(namespace)
-    return [f'/{namespace}{topic}' for topic in topics if topic != topic_names.DIAGNOSTICS]
+    return [
+        f'{namespace}/{topic.lstrip("/")}' for topic in topics if topic != topic_names.DIAGNOSTICS
+    ]
 
 
-def _node(name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]) -> Node:
+def _node(
+    arguments: Arguments, name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]
+) -> Node:
+    given = prefix_namespace(arguments.text('namespace') or None, namespace or None) or ''
+    remappings = []
+    if arguments.pushed_namespace or given.strip('/'):
+        remappings += [(topic, topic[1:]) for topic in _GLOBAL_TOPICS]
+    if namespace:  # the recorder is not in it
+        outer = prefix_namespace(arguments.pushed_namespace, arguments.text('namespace') or None)
+        outer = f'/{(outer or "").strip("/")}'.rstrip('/')
+        remappings += [(topic, f'{outer}/{topic}') for topic in _MEETING_TOPICS]
     return Node(
         package=executables()[name],
         executable=name,
         name=name,
-        namespace=namespace,
+        namespace=given,
         parameters=[{key: value for each in parameters for key, value in each.items()}],
-        remappings=[(topic, topic[1:]) for topic in _GLOBAL_TOPICS] if namespace else [],
+        remappings=remappings,
         output='screen',
     )
 

@@ -58,13 +58,8 @@ def running_nodes(
 
 
 def add_viewer(parameters: dict[str, dict[str, Any]], viewer: Mapping[str, Any]) -> None:
-    """Add a viewer to the parameters of nodes that wait for each other.
-
-    It is waited for as they are, or it would be taken for one of them.
-    """
-    simulator = parameters['simulator']
-    simulator['wait_for_subscribers'] += 1
-    parameters['viewer'] = {'course': simulator['course'], **viewer}
+    """Add a viewer, for which nobody waits, to the parameters of nodes."""
+    parameters['viewer'] = {'course': parameters['simulator']['course'], **viewer}
 
 
 class Supervisor:

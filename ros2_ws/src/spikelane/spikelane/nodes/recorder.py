@@ -40,6 +40,7 @@ from spikelane.bag.writer import BagWriter
 from spikelane.nodes.announcer import Announcer
 from spikelane.nodes.offers import adapted_qos, message_type_of, offered_qos, problems
 from spikelane.nodes.periodic import Periodic
+from spikelane.nodes.publishers import Publishers
 from spikelane.nodes.recorder_parameters import parse_facts, RecorderParameters
 from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, SpikelaneError
@@ -83,19 +84,24 @@ class Recorder(Node):
         super().__init__('recorder')
         self._settings = declare_parameters(self, RecorderParameters)
         self._listed = self._resolve(self._settings.topics)
+        self._clock_name = self.resolve_topic_name(topic_names.CLOCK)
         own = self.resolve_topic_name('~/state')
         self._excluded = self._resolve(self._settings.exclude)
         if own not in self._listed:  # to record it would be something to tell of again
             self._excluded += (own,)
-        self._announcer = Announcer(self, own)
+        self._announcer = Announcer(self, own, self._listed, self._excluded)
         # The messages are taken by `take`.
         self._group = NotForExecutors()
+        self._sources = Publishers(self, self.resolve_topic_name('~/published'), self._group)
+        self._excluded += (self._sources.topic,)
         self._events = SubscriptionEvents()
         self._subscriptions_taken: list[tuple[int, Subscription]] = []  # with the topic's id
         # Topic name: topic id, 0 for one that cannot be recorded.
         self._recorded: dict[str, int] = {}
         self._profiles: dict[str, Any] = {}
+        self._subscribed: dict[str, Subscription] = {}
         self._warned: set[tuple[str, str]] = set()
+        self._unheard: dict[str, int] = {}  # messages published on topics never subscribed to
         self._writer = BagWriter(
             Path(self._settings.output or _default_output()),
             compression=self._settings.compression,
@@ -139,7 +145,7 @@ class Recorder(Node):
     @property
     def is_waited_for(self) -> bool:
         """Whether nodes are there that drive no further than what is recorded."""
-        return self._announcer.is_waited_for
+        return self._announcer.is_waited_for or self._sources.are_publishing
 
     def take(self) -> None:
         """Write every message that has arrived."""
@@ -162,18 +168,16 @@ class Recorder(Node):
                 )
         if arrivals:
             self._recording.write(arrivals)
-        self._announcer.announce(self._recording, self._recorded, has_caught_up=not arrivals)
+        self._sources.take()
+        met = [name for name, each in self._subscribed.items() if each.get_publisher_count()]
+        self._announcer.announce(self._recording, self._recorded, met, has_caught_up=not arrivals)
 
     def discover(self) -> None:
-        """Subscribe to wanted topics that have a publisher now, in the order they are listed.
-
-        Discovery keeps that order, so that a publisher that has met us on the last topic of its
-        node in the list has met us on all.
-        """
+        """Subscribe to wanted topics that have a publisher now."""
         new = []
         found = dict(self.get_topic_names_and_types())
-        for name in [*(name for name in self._listed if name in found), *found]:
-            is_clock = self._needs_clock and name == topic_names.CLOCK
+        for name in found:
+            is_clock = self._needs_clock and name == self._clock_name
             if name in self._recorded or not (is_clock or self._wants(name)):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
@@ -207,9 +211,10 @@ class Recorder(Node):
         self._events.look()
         self._recording.end()
         self._writer.close()
+        self._compare()
         count = self._writer.message_count
         topics = sum(topic_id != NOT_RECORDED for topic_id in self._recorded.values())
-        lost = self._recording.lost_count
+        lost = self._recording.lost_count + sum(self._unheard.values())
         self.get_logger().info(
             f'recorded {count} messages of {topics} topics to {self._writer.path}, {lost} lost'
         )
@@ -228,22 +233,40 @@ class Recorder(Node):
                 f'nothing was recorded of {", ".join(needed)}: {self._writer.path} is removed'
             )
 
+    def why_cut_short(self) -> str:
+        """Return why what is recorded is not a whole drive; '' where it is, or nobody said."""
+        if self._announcer.is_waited_for:
+            return 'while other nodes wait for what is recorded'
+        names = self._sources.cut_short
+        return f'before the work of {", ".join(names)} was done' if names else ''
+
     def _report_lost(self) -> bool:
         """Name the topics that lost messages; return whether none of them is reliable."""
         lost = self._recording.lost
         counts = {name: lost[of] for name, of in self._recorded.items() if of in lost}
+        counts |= {name: count for name, count in self._unheard.items() if count}
         if not counts:
             return True
         told = ', '.join(f'{name} {count}' for name, count in counts.items())
         text = f'messages lost: {told}'
         # Who offers a topic as best effort puts up with losses.
-        if not any(
-            self._profiles[name].reliability == ReliabilityPolicy.RELIABLE for name in counts
-        ):
+        if all(self._is_best_effort(name) for name in counts):
             self.get_logger().warning(text)
             return True
         self.get_logger().error(text)
         return False
+
+    def _is_best_effort(self, name: str) -> bool:
+        profile = self._profiles.get(name)
+        return profile is not None and profile.reliability != ReliabilityPolicy.RELIABLE
+
+    def _compare(self) -> None:
+        """Compare what was recorded with what was published, as far as the publishers said so."""
+        for name, first, last in self._sources.published():
+            if name in self._recorded:
+                self._recording.compare(self._recorded[name], first, last)
+            else:
+                self._unheard[name] = last - first + 1
 
     def _subscribe(self, name: str, type_names: Sequence[str], publishers: Sequence[Any]) -> bool:
         type_name = publishers[0].topic_type
@@ -259,7 +282,7 @@ class Recorder(Node):
         topic_id = NOT_RECORDED
         if self._wants(name):
             topic_id = self._add_topic(name, type_name, publishers[0], offers)
-        if name == topic_names.CLOCK and type_name == _CLOCK_TYPE:
+        if name == self._clock_name and type_name == _CLOCK_TYPE:
             self._recording.follow_clock(topic_id)
         profile = adapted_qos(offers, self._settings.depth)
         subscription = self.create_subscription(
@@ -276,6 +299,7 @@ class Recorder(Node):
         self._events.add(subscription)
         self._subscriptions_taken.append((topic_id, subscription))
         self._profiles[name] = profile
+        self._subscribed[name] = subscription
         self._recorded[name] = topic_id
         return True
 
@@ -311,7 +335,8 @@ def main(args: list[str] | None = None) -> int:
 
     Returns:
         0; 1 if recording failed (a full disk) or reliable messages were lost; 2 if a parameter is
-        wrong; 128 + n if signal n came while other nodes were waiting for what is recorded.
+        wrong; 128 + n if signal n came while other nodes were waiting for what is recorded,
+        or before their work was done.
     """
     stop = Stop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -337,14 +362,12 @@ def _record(stop: Stop) -> int:
     try:
         warn_of_unused_parameters(recorder, sys.argv)
         recorder.spin(stop)
-        is_waited_for = recorder.is_waited_for
+        why = recorder.why_cut_short()
         if not recorder.finish():
             return 1
-        if is_waited_for:
+        if why := why or recorder.why_cut_short():
             name = signal.Signals(stop.number).name
-            recorder.get_logger().warning(
-                f'ended by {name} while other nodes wait for what is recorded'
-            )
+            recorder.get_logger().warning(f'ended by {name} {why}')
             return 128 + stop.number
     except BagError as error:
         recorder.get_logger().error(str(error))

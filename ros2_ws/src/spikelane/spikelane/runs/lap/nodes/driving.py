@@ -20,38 +20,38 @@ from spikelane.runs.lap.trajectory_bag import read_trajectory
 from spikelane_controllers.registry import card, controller_class
 from spikelane_sim import topic_names
 from spikelane_sim.contract import sensors_of
+from spikelane_sim.nodes.meeting import meeting_parameters
 
 LAST_ANSWER_S = 5.0
-#: Messages that publishers keep for a recorder; see `recorder_windows`.
-RECORDED_DEPTH = 1000
 _NEXT_EPISODE = -1  # in place of a seed: go on with the one before
 
-#: Recorded in this order; the recorder being matched to the last of a node means to all.
+#: What is recorded of every lap.
 TOPICS = (
     topic_names.TF_STATIC,
-    f'/{topic_names.ROBOT_DESCRIPTION}',
+    topic_names.ROBOT_DESCRIPTION,
     topic_names.CLOCK,
     topic_names.TF,
-    f'/{topic_names.ODOMETRY}',
-    f'/{topic_names.LANE_STATE}',
-    f'/{topic_names.LANE_DISTANCE}',
+    topic_names.ODOMETRY,
+    topic_names.LANE_STATE,
+    topic_names.LANE_DISTANCE,
     topic_names.DIAGNOSTICS,
-    f'/{topic_names.WEIGHTS}',  # of a learnt controller
-    f'/{topic_names.CONTROLLER_STATE}',
-    f'/{topic_names.EVENTS}',
-    f'/{topic_names.WHEELS}',
+    topic_names.CONTROLLER_STATE,
+    topic_names.EVENTS,
+    topic_names.WHEELS,
 )
 
 
 def recorded_topics(controller: str) -> tuple[str, ...]:
-    """Return the topics of a lap that are recorded, with all that its controller is given."""
+    """Return the topics of a lap that are recorded, with all that its controller is given.
+
+    The names are relative, except for those that are the same in every namespace.
+    """
     topics: tuple[str, ...] = TOPICS
-    if not card(controller).training:  # only a controller that learns publishes its weights
-        topics = tuple(topic for topic in topics if topic != f'/{topic_names.WEIGHTS}')
-    if 'encoders' not in sensors_of(controller_class(controller)):
-        return topics
-    place = topics.index(f'/{topic_names.LANE_STATE}')
-    return (*topics[:place], f'/{topic_names.JOINT_STATES}', *topics[place:])
+    if card(controller).training:  # only a controller that learns publishes its weights
+        topics += (topic_names.WEIGHTS,)
+    if 'encoders' in sensors_of(controller_class(controller)):
+        topics += (topic_names.JOINT_STATES,)
+    return topics
 
 
 def drive_lap_over_ros(
@@ -124,19 +124,14 @@ def node_parameters(
 
     Simulator and controller wait for each other and the recorder before they publish.
     """
-    both = {'seed': config.seed, 'wait_for_subscribers': 1 + is_recorded}
-    if is_recorded:
-        both['history_depth'] = RECORDED_DEPTH
-    windows = recorder_windows(is_recorded)
+    simulator, controller = meeting_parameters(config.controller, is_recorded=is_recorded)
+    seed = {'seed': config.seed}
     return {
-        'simulator': config.simulator.to_dict()
-        | both
-        | windows['simulator']
-        | {'autostart': False},
+        'simulator': config.simulator.to_dict() | seed | simulator | {'autostart': False},
         config.controller: config.controller_parameters.to_dict()
         | config.filter.node_parameters()
-        | both
-        | windows['controller'],
+        | seed
+        | controller,
         'recorder': {
             'output': str(folder.bag.absolute()),
             'topics': list(recorded_topics(config.controller)),
@@ -152,19 +147,6 @@ def node_parameters(
                 ),
             ],
         },
-    }
-
-
-def recorder_windows(is_recorded: bool) -> dict[str, dict[str, int]]:
-    """Return the parameters with which simulator and controller wait for a recorder.
-
-    The simulator's window is the smaller one: it is the one that waits, and says so. Both leave
-    room in the publishers' history for what is sent again and for what is not known yet.
-    """
-    steps = {'simulator': 400, 'controller': 600}
-    return {
-        node: {'recorder_window_steps': width} if is_recorded else {}
-        for node, width in steps.items()
     }
 
 

@@ -12,6 +12,7 @@ from spikelane.runs.lap.run import OnLapProgress
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import make_training
 from spikelane_controllers.learning.training import Training
+from spikelane_sim.nodes.meeting import meeting_parameters
 
 _END_S = 10.0  # for a node to end by itself, once it has nothing more to do
 
@@ -78,12 +79,14 @@ def train_over_ros(
 
 def node_parameters(config: TrainConfig, folder: RunFolder) -> dict[str, dict[str, Any]]:
     """Return the parameters of a training's nodes, which wait for each other."""
-    both = {'seed': config.seed, 'wait_for_subscribers': 1}
+    simulator, controller = meeting_parameters(config.controller, is_recorded=False)
+    seed = {'seed': config.seed}
     learning = {**config.training.to_dict(), 'output': str(folder.path.absolute()), 'resume': True}
     return {
-        'simulator': config.simulator.to_dict() | both | {'autostart': False},
+        'simulator': config.simulator.to_dict() | seed | simulator | {'autostart': False},
         config.controller: config.controller_parameters.to_dict()
         | config.filter.node_parameters()
-        | both
+        | seed
+        | controller
         | learning,
     }
