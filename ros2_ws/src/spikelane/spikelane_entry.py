@@ -1,5 +1,7 @@
 """Where the `spikelane` command and its nodes begin; see `spikelane_sim_entry`."""
 
+import sys
+
 from spikelane_sim_entry import take_signals
 
 
@@ -16,7 +18,7 @@ def recorder() -> None:
     take_signals()
     from spikelane.nodes.recorder import main as run
 
-    run()
+    sys.exit(run())
 
 
 def replay() -> None:
