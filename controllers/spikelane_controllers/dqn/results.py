@@ -121,7 +121,7 @@ class DqnResults(TrainingResults):
             ),
             Measure(
                 'solved_step',
-                'action step at the end of these three',
+                'action step at the end of the first three full episodes in a row',
                 'count',
                 self.steps if step is None else step,
                 step is not None,

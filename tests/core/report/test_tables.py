@@ -343,13 +343,13 @@ def test_aims_are_told_from_the_whole_interval(training: Train, transfer: Transf
     steps, accuracy = sorted(rows, reverse=True)
     assert steps[:5] == (
         *('R-STDP', '1', "the paper's"),
-        *('median of: step of the last lane loss', '≤ 9,000'),
+        *('step of the last lane loss: median', '≤ 9,000'),
     )
     assert steps[5].startswith('8,00')
     assert steps[6] == 'yes'
     # s = 0.001 and half = 4.302653 * 0.001 / sqrt(3) / (0.941 * 0.059) = 0.04474 on a logit scale.
     assert accuracy[3:] == (
-        *("mean of: accuracy on the policy's states", '≥ 93.10 %'),
+        *("accuracy on the policy's states: mean", '≥ 93.10 %'),
         *('93.85 to 94.34 %', 'yes'),
     )
     [few] = table(Runs(trainings=trainings[:5]), 'Aims').rows
@@ -376,9 +376,9 @@ def test_every_seed_has_its_values(training: Train) -> None:
         ],
     )
     assert [row[3:] for row in table(runs, 'Every seed').rows] == [
-        ('step of the last lane loss', '3: 8,003, 4: over 8,004'),
-        ('wall time', '3: 1.5 min, 4: 1.5 min'),
-        ('mean error, outer lane', '3: 0.0100 m, 4: 0.0100 m (1 of 2 lost)'),
+        ('step of the last lane loss', '3: 8,003; 4: over 8,004'),
+        ('wall time', '3: 1.5 min; 4: 1.5 min'),
+        ('mean error, outer lane', '3: 0.0100 m; 4: 0.0100 m (1 of 2 lost)'),
     ]
 
 

@@ -51,7 +51,7 @@ def _row(aim: Aim, key: Key, found: Measured) -> tuple[str, ...]:
         title(key.controller),
         key.scenario,
         key.setting or "the paper's",
-        f'{"median" if aim.is_of_median else "mean"} of: {found.words}',
+        f'{found.words}: {"median" if aim.is_of_median else "mean"}',
         f'{"≥" if aim.is_lowest else "≤"} {quantity.show(aim.value)}',
         words,
         _verdict(interval, aim),

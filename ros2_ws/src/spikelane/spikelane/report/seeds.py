@@ -82,5 +82,5 @@ def _driven(laps: Sequence[Lap]) -> str:
 
 
 def _row(key: Key, words: str, cells: Sequence[tuple[Any, str]]) -> _Row:
-    values = ', '.join(f'{seed}: {cell}' for seed, cell in cells)
+    values = '; '.join(f'{seed}: {cell}' for seed, cell in cells)
     return title(key.controller), key.scenario, key.setting or "the paper's", words, values
