@@ -188,11 +188,15 @@ def test_the_library_does_everything_without_ros(
     assert learnt.keys() == expected.keys()
     for name in expected:
         np.testing.assert_array_equal(learnt[name], expected[name])
-    run_anew(command, 'report', out, cwd=tmp_path)
-    replay = ('replay', ROOT / 'tests/data/bag_zstd', '--controller', 'braitenberg')
-    run_anew(command, *replay, cwd=tmp_path)
-    run_anew(command, 'export', 'nir', 'scenario_1', tmp_path / 'lane.nir', cwd=tmp_path)
-    run_anew(command, 'evaluate', '--engine', 'kinematic', cwd=tmp_path)
+    for words in (
+        ['report', out],
+        ['replay', ROOT / 'tests/data/bag_zstd', '--controller', 'braitenberg'],
+        ['export', 'nir', 'scenario_1', 'lane.nir'],
+        ['evaluate', '--engine', 'kinematic'],
+        ['experiment', ROOT / 'experiments/rstdp.yaml', '--dry-run'],
+        ['course', 'random:3'],
+    ):
+        run_anew(command, *words, cwd=tmp_path)
     said = run_anew(programs / 'python', '-I', '-c', EPISODE, cwd=tmp_path)
     assert json.loads(said) == rewards_here()
     check_errors(command, tmp_path)
