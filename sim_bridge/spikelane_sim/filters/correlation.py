@@ -26,8 +26,6 @@ from spikelane_sim.events import Events
 from spikelane_sim.filters.kind import FilterKind, LONG_AGO_NS, Passes
 from spikelane_sim.parameters import parameter, Parameters
 
-_SOURCE = 'Guo and Delbruck 2022 (STCF)'
-
 
 @dataclass(frozen=True, kw_only=True)
 class NearestNeighbourParameters(Parameters):
@@ -40,7 +38,7 @@ class NearestNeighbourParameters(Parameters):
         unit='s',
         low=0.0,
         high=100.0,
-        source='our own choice: a step; jAER and libcaer usually have 0.002 to 0.05',
+        source='our own choice, a step; dv-processing usually has 0.002',
     )
 
 
@@ -54,7 +52,7 @@ class CorrelationParameters(Parameters):
         unit='s',
         low=0.0,
         high=100.0,
-        source=_SOURCE,
+        source='our own choice',
     )
     supporters: int = parameter(
         2,
@@ -62,7 +60,7 @@ class CorrelationParameters(Parameters):
         'let the event pass.',
         low=1,
         high=80,
-        source=_SOURCE,
+        source='Guo and Delbruck 2022: 2 or 3 for many uses',
     )
     reach_px: int = parameter(
         1,
@@ -70,7 +68,7 @@ class CorrelationParameters(Parameters):
         unit='px',
         low=1,
         high=4,
-        source=_SOURCE,
+        source='Guo and Delbruck 2022',
     )
     same_polarity: bool = parameter(
         False, 'Whether only events of the same polarity support an event.'

@@ -1,8 +1,8 @@
 """A filter that limits how fast a pixel can fire.
 
 An event passes if its pixel had no event before it, whether that passed or not, for a period: as
-the refractory filters of libcaer and jAER and the low-pass filter of dv-processing have it. A
-pixel that fires faster all the time is silent from its second event on.
+the low-pass filter of dv-processing has it. A pixel that fires faster all the time is silent from
+its second event on.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class RefractoryParameters(Parameters):
         unit='s',
         low=0.0,
         high=100.0,
-        source='our own choice: the period of a usual cut-off of 1 kHz',
+        source='our own choice',
     )
 
 
