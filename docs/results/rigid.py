@@ -43,12 +43,19 @@ DRIVES, STEPS = 20, 1000
 #: Distances are told once so much of a path has been driven [m].
 FROM_M = 0.3
 
-#: Margins, chosen before the runs were made: of ratios, rigid to pybullet.
+#: Margins of ratios, rigid to pybullet; chosen before any result was looked at.
 MARGINS = {'steps of a lap': 1.002, 'mean error of a lap': 1.10, 'last lane loss': 1.25}
 
-#: Controllers and scenarios of the experiment.
-DRIVEN = (('braitenberg', '1'), ('rstdp', '1'))
-LEARNT = (('rstdp', '1'),)
+#: Runs of the experiment, all of scenario 1; {} is the engine.
+TRAINED = 'R-STDP as trained'
+DRIVEN = {
+    'Braitenberg': 'evaluate-braitenberg-1-{}',
+    'R-STDP, shipped weights': 'evaluate-rstdp-1-{}-shipped',
+    TRAINED: 'evaluate-rstdp-1-{}',
+}
+LEARNT = 'train-rstdp-1-{}'
+#: So many trainings there were at first; equivalence was neither shown nor refuted by them.
+FIRST_LOOK = 60
 
 Commands = Callable[[np.random.Generator, float], NDArray[np.float64]]
 
@@ -143,7 +150,7 @@ def print_drives() -> dict[str, list[Drive]]:
 class Pair(NamedTuple):
     """A value of the same seed with both engines."""
 
-    unit: tuple[str, str, int]  # controller, scenario and seed
+    unit: tuple[str, int]  # whose, and the seed
     group: str
     pybullet: float
     rigid: float
@@ -157,14 +164,10 @@ class Pair(NamedTuple):
 Folders = tuple[Path, Path]
 
 
-def runs_of(
-    folder: Path, task: str, controller: str, scenario: str
-) -> Iterator[tuple[int, Folders]]:
+def runs_of(folder: Path, name: str) -> Iterator[tuple[int, Folders]]:
     """Yield the seeds whose runs are finished with both engines, and their folders."""
     for seed in range(1000):
-        first, second = (
-            folder / f'{task}-{controller}-{scenario}-{engine}-seed{seed}' for engine in ENGINES
-        )
+        first, second = (folder / f'{name.format(engine)}-seed{seed}' for engine in ENGINES)
         if all((path / 'metrics.json').exists() for path in (first, second)):
             yield seed, (first, second)
 
@@ -172,39 +175,35 @@ def runs_of(
 def lap_pairs(folder: Path, quantity: str) -> list[Pair]:
     """Return a quantity of all laps that both engines completed."""
     found = []
-    for controller, scenario in DRIVEN:
-        for seed, paths in runs_of(folder, 'evaluate', controller, scenario):
-            laps = [read_json(path / 'metrics.json')['laps'] for path in paths]
-            for first, second in zip(*laps, strict=True):
-                assert first['lane'] == second['lane']
+    for who, name in DRIVEN.items():
+        for seed, paths in runs_of(folder, name):
+            for first, second in zip(*map(_laps, paths), strict=True):
+                assert (first['lane'], first['seed']) == (second['lane'], second['seed'])
                 if first['completed'] and second['completed']:
-                    group = f'{controller}, scenario {scenario}, {first["lane"]} lane'
-                    unit = (controller, scenario, seed)
+                    # The laps of one training share its weights; other laps share nothing.
+                    unit = (who, seed if who == TRAINED else first['seed'])
+                    group = f'{who}, {first["lane"]} lane'
                     found.append(Pair(unit, group, first[quantity], second[quantity]))
     return found
 
 
+def _laps(path: Path) -> list[dict[str, Any]]:
+    laps: list[dict[str, Any]] = read_json(path / 'metrics.json')['laps']
+    return laps
+
+
 def print_completed(folder: Path) -> None:
     """Say how many laps were completed and trainings have settled, engine by engine."""
-    for controller, scenario in DRIVEN:
-        runs = list(runs_of(folder, 'evaluate', controller, scenario))
+    for who, name in DRIVEN.items():
+        runs = list(runs_of(folder, name))
         for index, engine in enumerate(ENGINES):
-            laps = [
-                lap
-                for _, paths in runs
-                for lap in read_json(paths[index] / 'metrics.json')['laps']
-            ]
+            laps = [lap for _, paths in runs for lap in _laps(paths[index])]
             completed = sum(lap['completed'] for lap in laps)
-            print(
-                f'- {controller}, scenario {scenario}, {engine}: {completed} of {len(laps)} laps'
-            )
-    for controller, scenario in LEARNT:
-        runs = list(runs_of(folder, 'train', controller, scenario))
-        for index, engine in enumerate(ENGINES):
-            settled = sum(has_settled(_terminations(paths[index])) for _, paths in runs)
-            print(
-                f'- {controller}, scenario {scenario}, {engine}: {settled} of {len(runs)} settled'
-            )
+            print(f'- {who}, {engine}: {completed} of {len(laps)} laps completed')
+    runs = list(runs_of(folder, LEARNT))
+    for index, engine in enumerate(ENGINES):
+        settled = sum(has_settled(_terminations(paths[index])) for _, paths in runs)
+        print(f'- R-STDP, {engine}: {settled} of {len(runs)} trainings settled')
     print()
 
 
@@ -215,11 +214,11 @@ def learning_pairs(folder: Path) -> list[Pair]:
     engines' trainings are equally long: leaving such trainings out would select among them.
     """
     found = []
-    for controller, scenario in LEARNT:
-        for seed, paths in runs_of(folder, 'train', controller, scenario):
-            losses = [float(last_lane_loss_step(_terminations(path))) for path in paths]
-            group = f'{controller}, scenario {scenario}'
-            found.append(Pair((controller, scenario, seed), group, *losses))
+    for seed, paths in runs_of(folder, LEARNT):
+        losses = [float(last_lane_loss_step(_terminations(path))) for path in paths]
+        is_first = seed < FIRST_LOOK
+        seeds = f'0 to {FIRST_LOOK - 1}' if is_first else f'from {FIRST_LOOK}'
+        found.append(Pair(('training', seed), f'seeds {seeds}', *losses))
     return found
 
 
