@@ -46,16 +46,15 @@ FROM_M = 0.3
 #: Margins of ratios, rigid to pybullet; chosen before any result was looked at.
 MARGINS = {'steps of a lap': 1.002, 'mean error of a lap': 1.10, 'last lane loss': 1.25}
 
-#: Runs of the experiment, all of scenario 1; {} is the engine.
-TRAINED = 'R-STDP as trained'
+#: Runs of the experiment; {} is the engine.
 DRIVEN = {
     'Braitenberg': 'evaluate-braitenberg-1-{}',
-    'R-STDP, shipped weights': 'evaluate-rstdp-1-{}-shipped',
-    TRAINED: 'evaluate-rstdp-1-{}',
+    'R-STDP as trained': 'evaluate-rstdp-1-{}',
 }
-LEARNT = 'train-rstdp-1-{}'
-#: So many trainings there were at first; equivalence was neither shown nor refuted by them.
-FIRST_LOOK = 60
+LEARNT = {
+    "the paper's settings, scenario 1": 'train-rstdp-1-{}',
+    'best camera setting, scenario 2': 'train-rstdp-2-{}-best',
+}
 
 Commands = Callable[[np.random.Generator, float], NDArray[np.float64]]
 
@@ -180,10 +179,8 @@ def lap_pairs(folder: Path, quantity: str) -> list[Pair]:
             for first, second in zip(*map(_laps, paths), strict=True):
                 assert (first['lane'], first['seed']) == (second['lane'], second['seed'])
                 if first['completed'] and second['completed']:
-                    # The laps of one training share its weights; other laps share nothing.
-                    unit = (who, seed if who == TRAINED else first['seed'])
                     group = f'{who}, {first["lane"]} lane'
-                    found.append(Pair(unit, group, first[quantity], second[quantity]))
+                    found.append(Pair((who, seed), group, first[quantity], second[quantity]))
     return found
 
 
@@ -200,10 +197,11 @@ def print_completed(folder: Path) -> None:
             laps = [lap for _, paths in runs for lap in _laps(paths[index])]
             completed = sum(lap['completed'] for lap in laps)
             print(f'- {who}, {engine}: {completed} of {len(laps)} laps completed')
-    runs = list(runs_of(folder, LEARNT))
-    for index, engine in enumerate(ENGINES):
-        settled = sum(has_settled(_terminations(paths[index])) for _, paths in runs)
-        print(f'- R-STDP, {engine}: {settled} of {len(runs)} trainings settled')
+    for setting, name in LEARNT.items():
+        runs = list(runs_of(folder, name))
+        for index, engine in enumerate(ENGINES):
+            settled = sum(has_settled(_terminations(paths[index])) for _, paths in runs)
+            print(f'- {setting}, {engine}: {settled} of {len(runs)} trainings settled')
     print()
 
 
@@ -214,11 +212,10 @@ def learning_pairs(folder: Path) -> list[Pair]:
     engines' trainings are equally long: leaving such trainings out would select among them.
     """
     found = []
-    for seed, paths in runs_of(folder, LEARNT):
-        losses = [float(last_lane_loss_step(_terminations(path))) for path in paths]
-        is_first = seed < FIRST_LOOK
-        seeds = f'0 to {FIRST_LOOK - 1}' if is_first else f'from {FIRST_LOOK}'
-        found.append(Pair(('training', seed), f'seeds {seeds}', *losses))
+    for setting, name in LEARNT.items():
+        for seed, paths in runs_of(folder, name):
+            losses = [float(last_lane_loss_step(_terminations(path))) for path in paths]
+            found.append(Pair((setting, seed), setting, *losses))
     return found
 
 
@@ -232,7 +229,7 @@ def print_equivalence(quantity: str, pairs: list[Pair]) -> list[tuple[str, dict[
     results = []
     margin = MARGINS[quantity]
     groups = list(dict.fromkeys(pair.group for pair in pairs))
-    for group in [*groups, 'all'] if len(groups) > 1 else groups:
+    for group in [*groups, 'all']:
         chosen = [pair for pair in pairs if group in (pair.group, 'all')]
         # The laps of one training share its weights: units, not laps, are independent.
         ratios = unit_means([pair.log_ratio for pair in chosen], [pair.unit for pair in chosen])
@@ -264,6 +261,7 @@ def draw(
     """Draw drives, learning times and tests."""
     with settings():
         figure = new_figure(9.0, 8.0)
+        figure.set_layout_engine('constrained')
         axes = figure.subplot_mosaic([['drives', 'losses'], ['tests', 'tests']])
         _draw_drives(axes['drives'], drives)
         _draw_losses(axes['losses'], losses)
@@ -292,16 +290,26 @@ def _draw_drives(axes: Axes, drives: Mapping[str, list[Drive]]) -> None:
 
 
 def _draw_losses(axes: Axes, losses: list[Pair]) -> None:
-    for engine, colour in zip(ENGINES, (RIGHT, LEFT), strict=True):
-        values = sorted(getattr(pair, engine) for pair in losses)
-        share = 1 - np.arange(len(values) + 1) / len(values)
-        axes.step([0, *values], share, where='post', color=colour, label=engine)
+    for setting, linestyle in zip(LEARNT, ('-', '--'), strict=True):
+        for engine, colour in zip(ENGINES, (RIGHT, LEFT), strict=True):
+            values = sorted(getattr(pair, engine) for pair in losses if pair.group == setting)
+            if values:
+                share = 1 - np.arange(len(values) + 1) / len(values)
+                label = f'{setting}, {engine}'
+                axes.step(
+                    [0, *values],
+                    share,
+                    where='post',
+                    color=colour,
+                    linestyle=linestyle,
+                    label=label,
+                )
     axes.set(
         xlabel='last lane loss [steps]',
         ylabel='share of trainings yet to come to it',
-        title='R-STDP learns, scenario 1',
+        title='R-STDP learns',
     )
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=6, frameon=False, loc='upper right')
 
 
 def _draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]]) -> None:
