@@ -230,7 +230,7 @@ class Parameters:
         Raises:
             ParameterError: A name is unknown, or a value not allowed.
         """
-        flat = cls.current(dict(_flatten(values)))
+        flat = cls.current(flatten(values))
         flat = {**cls.chosen_defaults(flat), **flat}
         known = {spec.name: spec for spec in cls.specs()}
         prefix = f'{where}: ' if where else ''
@@ -273,6 +273,29 @@ def check_size(what: str, factors: Mapping[str, float], most: float) -> None:
             f'{", ".join(factors)}: expected at most {most:,.0f} {what}, '
             f'got {given} = {product:,.0f}'
         )
+
+
+def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Return nested values under dotted names: `{'camera': {'width': 128}}` as `camera.width`."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= flatten(value, f'{prefix}{name}.')
+        else:
+            found[f'{prefix}{name}'] = value
+    return found
+
+
+def grouped(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return values under dotted names by their group: by the name's first part, under the rest.
+
+    A name without a point is a group that has one value, under ''.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        group, _, rest = name.partition('.')
+        found.setdefault(group, {})[rest] = value
+    return found
 
 
 def first_difference(name: str, one: Any, other: Any) -> tuple[str, Any, Any]:
@@ -325,14 +348,6 @@ def _groups(cls: type) -> dict[str, type[Parameters]]:
     return {
         field.name: hints[field.name] for field in dataclasses.fields(cls) if not field.metadata
     }
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}', value
 
 
 def _build(cls: type[ParametersT], flat: Mapping[str, Any], prefix: str) -> ParametersT:

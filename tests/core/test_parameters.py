@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import flatten, grouped, nested, parameter, Parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,3 +253,24 @@ def test_parameters_do_not_change() -> None:
     creature = Creature()
     with pytest.raises(FrozenInstanceError):
         creature.name = 'bee'  # type: ignore[misc]
+
+
+def test_nested_values_get_dotted_names() -> None:
+    """However deep they are; lists and what is empty inside are values and nothing."""
+    values = {'seed': 1, 'camera': {'width': 128, 'lens': {'fov_deg': 60.0}}, 'a': [1], 'b': {}}
+    assert flatten(values) == {
+        'seed': 1,
+        'camera.width': 128,
+        'camera.lens.fov_deg': 60.0,
+        'a': [1],
+    }
+
+
+def test_names_are_sorted_by_group() -> None:
+    """The first part of a name is its group; the others are kept together."""
+    values = {'simulator.camera.width': 64, 'rstdp.c_r': 0.1, 'simulator.course': 'x', 'seed': 3}
+    assert grouped(values) == {
+        'simulator': {'camera.width': 64, 'course': 'x'},
+        'rstdp': {'c_r': 0.1},
+        'seed': {'': 3},
+    }

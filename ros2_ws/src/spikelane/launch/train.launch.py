@@ -12,6 +12,7 @@ from launch.actions import OpaqueFunction
 from spikelane.launch import graph
 from spikelane.runs.train.config import training_defaults
 from spikelane_controllers.registry import training_names, usual_training
+from spikelane_sim.parameters import grouped
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -34,10 +35,7 @@ def start(context: LaunchContext) -> list[Any]:
     arguments = graph.Arguments(context)
     name, steps = arguments.text('controller'), arguments.number('steps')
     is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')
-    defaults = {'simulator': {'autostart': False}, name: {}}
-    for key, value in training_defaults(name).items():
-        group, _, rest = key.partition('.')
-        defaults[group][rest] = value
+    defaults = grouped({**training_defaults(name), 'simulator.autostart': False})
     learning = {
         'output': str(Path(arguments.text('output')).absolute()),
         'resume': arguments.is_true('resume'),

@@ -24,7 +24,6 @@ and aliases spare repetition.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-import dataclasses
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
@@ -234,10 +233,10 @@ def _known_parameters(
             if TASKS[task].is_for(controller):
                 groups |= TASKS[task].groups(controller)
     return {
-        f'{group}.{spec.name}': dataclasses.replace(spec, name=f'{group}.{spec.name}')
+        spec.name: spec
         for group, cls in groups.items()
-        for spec in cls.accepted_specs()
-        if f'{group}.{spec.name}' != 'simulator.course'  # that is for `scenarios` to say
+        for spec in cls.accepted_specs(f'{group}.')
+        if spec.name != 'simulator.course'  # that is for `scenarios` to say
     }
 
 

@@ -27,6 +27,7 @@ from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes.meeting import meeting_parameters
+from spikelane_sim.parameters import flatten
 from spikelane_sim.parsing import ParseError, read_yaml_file
 
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
@@ -305,15 +306,5 @@ def _in_file(file: Path, node: str) -> dict[str, Any]:
         raise ParameterError(f'{file}: {error}') from None
     found: dict[str, Any] = {}
     for key in ('/**', node, f'/{node}'):
-        found |= _dotted(content.get(key, {}).get('ros__parameters', {}))
-    return found
-
-
-def _dotted(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            found |= _dotted(value, f'{prefix}{name}.')
-        else:
-            found[f'{prefix}{name}'] = value
+        found |= flatten(content.get(key, {}).get('ros__parameters', {}))
     return found

@@ -19,11 +19,12 @@ from spikelane.runs.lap import config as lap
 from spikelane.runs.train import config as training
 from spikelane_controllers.registry import transfer_class
 from spikelane_sim.course import scenario_course
+from spikelane_sim.parameters import flatten, grouped
 from spikelane_sim.parsing import parse_yaml
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Parameters that a command has options for, which are always given.
-_TOLD = (('simulator', 'course'), ('training', 'steps'))
+_TOLD = ('simulator.course', 'training.steps')
 
 _FLAGS = {
     'simulator.robot.model': '--robot',
@@ -91,7 +92,7 @@ def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
     given = config['given'] if 'given' in config else _differing(kind, config)
     words = []
     for name, value in given.items():
-        if tuple(name.split('.', 1)) in _TOLD:
+        if name in _TOLD:
             continue
         if kind == 'lap' and name == f'{config["controller"]}.checkpoint':
             words += ['--checkpoint', str(value)]
@@ -106,9 +107,8 @@ def _others(kind: str, config: Mapping[str, Any]) -> list[str]:
 
 def _differing(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters that are not the command's defaults."""
-    usual = _usual(kind, *_key(config))
     chosen = SimulatorParameters.chosen_defaults(config.get('simulator', {}))
-    usual = {**usual, **{f'simulator.{name}': value for name, value in chosen.items()}}
+    usual = {**_usual(kind, *_key(config)), **flatten({'simulator': chosen})}
     return {
         name: value
         for name, value in _parameters(config).items()
@@ -140,12 +140,8 @@ def _parameters(config: Mapping[str, Any]) -> dict[str, Any]:
     groups = ['simulator', str(config.get('controller', '')), 'training']
     if 'transfer' in config:
         groups += transfer_class(transferred_controller(config)).parameters_classes
-    return {
-        f'{group}.{name}': value
-        for group in groups
-        for name, value in config.get(group, {}).items()
-        if (group, name) not in _TOLD
-    }
+    values = flatten({group: config.get(group, {}) for group in groups})
+    return {name: value for name, value in values.items() if name not in _TOLD}
 
 
 @functools.lru_cache(maxsize=100)
@@ -158,7 +154,7 @@ def _usual(kind: str, scenario: str, controller: str) -> dict[str, Any]:
     else:
         own: dict[str, Any] = {'course': scenario_course(scenario)}
         cls = transfer_class(controller)
-        own |= {name.partition('.')[2]: value for name, value in cls.defaults.items()}
+        own |= grouped(cls.defaults).get('simulator', {})
         config = {
             'controller': controller,
             'simulator': SimulatorParameters.from_mapping(own, 'simulator').to_dict(),

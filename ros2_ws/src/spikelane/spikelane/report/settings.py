@@ -24,7 +24,7 @@ from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.kinds import check_kind
-from spikelane_sim.parameters import Parameters
+from spikelane_sim.parameters import grouped, Parameters
 from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
 
 #: Settings that say what is done, not how: a run is no variant for them.
@@ -162,12 +162,7 @@ def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
         usual = training_defaults(str(config['controller']))
     else:
         return {}
-    prefix = f'{group}.'
-    return {
-        name.removeprefix(prefix): value
-        for name, value in usual.items()
-        if name.startswith(prefix)
-    }
+    return grouped(usual).get(group, {})
 
 
 @functools.lru_cache(maxsize=20)

@@ -17,7 +17,7 @@ from spikelane.runs.replay.run import replay, report_replay
 from spikelane_controllers.registry import controller_class, controller_names
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
-from spikelane_sim.parameters import Parameters
+from spikelane_sim.parameters import flatten, Parameters
 from spikelane_sim.parsing import parse_json
 
 
@@ -148,9 +148,7 @@ def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> d
     if options.scenario is not None:  # asks for its weights
         own.pop('checkpoint', None)
     filters = _recorded_group(said, 'filter', FilterParameters)
-    return {f'{options.controller}.{name}': value for name, value in own.items()} | {
-        f'filter.{name}': value for name, value in filters.items()
-    }
+    return flatten({options.controller: own, 'filter': filters})
 
 
 def _recorded_group(said: dict[str, str], name: str, cls: type[Parameters]) -> dict[str, Any]:
