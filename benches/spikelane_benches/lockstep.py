@@ -11,8 +11,9 @@ import tempfile
 from typing import Any
 
 from spikelane.processes import Processes
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.config import LapConfig, make_config
+from spikelane.runs.lap.config import LapConfig
 from spikelane_benches.closed_loop import measure_closed_loop
 
 #: Bytes of an event packet on scenario 1: about 30 events, each a word of address and one of row.
@@ -35,14 +36,8 @@ def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
     Raises:
         SpikelaneError: A process failed.
     """
-    config = make_config(
-        '1',
-        'braitenberg',
-        'outer',
-        0,
-        'ros',
-        {'simulator.robot.engine': 'kinematic', 'simulator.episode.max_steps': steps},
-    )
+    parameters = {'simulator.robot.engine': 'kinematic', 'simulator.episode.max_steps': steps}
+    config = LapConfig.make(Request('1', 'braitenberg', 0, 'ros', parameters), 'outer')
     ros, inprocess, round_trips = [], [], []
     for _ in range(repeats):
         round_trips.append(_ping_pong_us(steps))

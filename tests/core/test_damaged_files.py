@@ -26,14 +26,15 @@ from spikelane.report.collect import collect
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, made_with
 from spikelane.report.tables import all_tables
-from spikelane.runs.evaluate.config import make_config as make_evaluation
+from spikelane.runs.configuration import Request
+from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import evaluate
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import read_csv
-from spikelane.runs.train import config as train_config
 from spikelane.runs.train import run as training
-from spikelane.runs.transfer.config import make_config as make_transfer
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.transfer.config import TransferConfig
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import STEP_S
@@ -107,7 +108,7 @@ def _report(folder: Path) -> None:
 
 
 def _resume_training(controller: str, folder: Path) -> None:
-    config = train_config.make_config('1', controller, 1, 'inprocess', _options(controller), 60)
+    config = TrainConfig.make(Request('1', controller, 1, 'inprocess', _options(controller)), 60)
     training.make_training(config, RunFolder(folder), resume=True)
 
 
@@ -116,7 +117,7 @@ def _options(controller: str) -> dict[str, Any]:
 
 
 def _resume_evaluation(folder: Path) -> None:
-    config = make_evaluation('1', 'braitenberg', 1, 'inprocess', _SHORT, {'seeds': 2})
+    config = EvaluateConfig.make(Request('1', 'braitenberg', 1, 'inprocess', _SHORT), {'seeds': 2})
     RunFolder(folder).check_config(config.to_dict())
     evaluate(config, RunFolder(folder), _quiet)
 
@@ -128,7 +129,7 @@ def _resume_experiment(root: Path) -> None:
 
 
 def _transfer_states(folder: Path) -> None:
-    make_transfer('dqn_snn', '1', str(folder), 1, {}, True)
+    TransferConfig.make(Request('1', 'dqn_snn', 1, parameters={}), str(folder), True)
 
 
 @pytest.fixture(scope='module')

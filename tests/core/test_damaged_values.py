@@ -13,7 +13,8 @@ from spikelane.experiment.plan import make_plan
 from spikelane.experiment.results import experiment_results
 from spikelane.experiment.runner import RunStatus, Status
 from spikelane.experiment.worker import Progress, read_progress, read_run
-from spikelane.runs.evaluate.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import evaluate
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.trajectory import COLUMNS, read_csv, TrajectoryError
@@ -53,7 +54,9 @@ def test_a_resumed_evaluation_names_what_is_wrong_with_a_lap(
     name: str, value: Any, expected: str, tmp_path: Path
 ) -> None:
     """One that was driven before, and is not driven again."""
-    config = make_config('1', 'braitenberg', 1, 'inprocess', {}, {'lanes': ['outer']})
+    config = EvaluateConfig.make(
+        Request('1', 'braitenberg', 1, 'inprocess', {}), {'lanes': ['outer']}
+    )
     lap = tmp_path / 'laps/outer-seed1'
     lap.mkdir(parents=True)
     (lap / 'metrics.json').write_text(json.dumps(_LAP))

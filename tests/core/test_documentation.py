@@ -15,7 +15,7 @@ import yaml
 from spikelane.executables import executables
 from spikelane.experiment.file import read_experiment
 from spikelane.main import _parser
-from spikelane.runs.arguments import given_parameters
+from spikelane.runs.arguments import given_parameters, request_of
 from spikelane.runs.configuration import configure
 from spikelane_controllers import registry
 
@@ -138,9 +138,7 @@ def test_a_spikelane_command_is_understood(line: Line) -> None:
     if options.command == 'experiment' and options.file.name != EXPERIMENT:
         assert read_experiment(ROOT / options.file).blocks
     if getattr(options, 'controller', None) and hasattr(options, 'robot'):
-        configure(
-            options.scenario, options.controller, options.seed, 'ros', given_parameters(options)
-        )
+        configure(request_of(options, given_parameters(options)), {})
 
 
 @pytest.mark.parametrize('line', [line for line in COMMANDS if line not in OURS], ids=named)

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 import spikelane
-from spikelane.runs.transfer.config import configure_transfer
+from spikelane.runs.configuration import Request
+from spikelane.runs.transfer.config import TransferConfig
 import spikelane_controllers
 from spikelane_controllers.braitenberg.controller import BraitenbergParameters
 from spikelane_controllers.dqn.parameters import DqnParameters
@@ -145,7 +146,7 @@ def test_a_transfer_checks_inputs_times_hidden_units() -> None:
     """They are parameters of different groups."""
     large = {'gathering.encoding.cell': 1, 'transfer.hidden': 16_384, 'gathering.states': 100}
     with pytest.raises(ParameterError, match='at most 40,000,000 weights, got 8192 x 16384'):
-        configure_transfer('dqn_snn', '1', 'scenario_1', 0, large, False)
+        TransferConfig.plan(Request('1', 'dqn_snn', 0, parameters=large), 'scenario_1', False)
 
 
 def test_defaults_with_the_largest_camera_are_allowed() -> None:

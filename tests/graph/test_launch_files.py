@@ -23,7 +23,8 @@ from rosbags.highlevel import AnyReader
 from safetensors.numpy import load_file
 
 from spikelane.processes import end_with
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive_lap
 from spikelane.runs.lap.trajectory_bag import read_trajectory
 from spikelane.viewer.server import WEB_PORT
@@ -127,7 +128,7 @@ def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(tmp_path: Path) -
     assert status == 0
     assert endings == [('/simulator', 0), ('/rstdp', 0), ('/recorder', 0)]
     parameters = {'simulator.episode.max_steps': 100}
-    config = make_config('2', 'rstdp', 'inner', 3, 'inprocess', parameters)
+    config = LapConfig.make(Request('2', 'rstdp', 3, 'inprocess', parameters), 'inner')
     driven = drive_lap(config, lambda step, progress_m: None).trajectory
     recorded = read_trajectory(tmp_path / 'bag')
     assert len(recorded) == 101

@@ -10,8 +10,9 @@ from spikelane_msgs.msg import ControllerState
 from spikelane_msgs.srv import Reset
 
 from spikelane.loop import drive_episode
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.dqn.training import DqnTrainingParameters
@@ -50,7 +51,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('inprocess')
     parameters = {f'simulator.{name}': value for name, value in NARROW.items()}
     parameters |= {f'dqn.{name}': value for name, value in SMALL.items()}
-    config = make_config('1', 'dqn', SEED, 'inprocess', parameters)
+    config = TrainConfig.make(Request('1', 'dqn', SEED, 'inprocess', parameters))
     length = DqnTrainingParameters(steps=STEPS, save_every=SAVE_EVERY)
     config = replace(config, training=length)
     train(config, RunFolder(folder), lambda steps, progress_m: None, resume=False)

@@ -12,8 +12,9 @@ import pytest
 from spikelane.executables import find_executable
 from spikelane.nodes.domain import own_domain
 from spikelane.nodes.graph import RECORDER_DEADLINE_S, running_nodes
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.nodes.driving import node_parameters
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.nodes.network import network_variables
@@ -47,8 +48,8 @@ def _addresses_in_proc(pid: int) -> set[str]:
 
 def addresses_of_a_lap(folder: Path) -> dict[str, set[str]]:
     """Drive as `lap` does; return the addresses that each node's sockets are bound to."""
-    config = make_config(
-        '1', 'braitenberg', 'outer', 0, 'ros', {'simulator.robot.model': 'kinematic'}
+    config = LapConfig.make(
+        Request('1', 'braitenberg', 0, 'ros', {'simulator.robot.model': 'kinematic'}), 'outer'
     )
     run = RunFolder(folder)
     parameters = node_parameters(config, run, is_recorded=True)

@@ -10,7 +10,8 @@ import pytest
 from spikelane_msgs.msg import WheelVelocities
 
 from spikelane.bag.drive import RecordedDrive
-from spikelane.runs.replay.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import Answer, summarise
 from spikelane.runs.replay.run import replay
 from spikelane_sim import messages
@@ -35,7 +36,10 @@ def in_process(
     """Return the answers of a replay within this process, and what is measured of it."""
     drive = RecordedDrive(bag)
     parameters = options.pop('parameters', {})
-    result = replay(make_config(bag, controller, parameters, seed=seed, **options), drive)
+    result = replay(
+        ReplayConfig.make(Request('1', controller, seed, parameters=parameters), bag, **options),
+        drive,
+    )
     return result.answers, summarise(drive, result.answers, result.sensor)
 
 

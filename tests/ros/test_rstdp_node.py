@@ -13,8 +13,9 @@ from spikelane_msgs.msg import ControllerState, LaneState, Weights
 from spikelane_msgs.srv import Reset
 
 from spikelane.loop import drive_episode
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.registry import make_controller
@@ -36,7 +37,7 @@ def trained_arrays(folder: Path, steps: int) -> dict[str, np.ndarray]:
     """Return what the same training in-process leaves."""
     parameters = {f'simulator.{name}': value for name, value in NARROW.items()}
     parameters |= {f'rstdp.{name}': value for name, value in SWERVING.items()}
-    config = make_config('1', 'rstdp', SEED, 'inprocess', parameters, steps)
+    config = TrainConfig.make(Request('1', 'rstdp', SEED, 'inprocess', parameters), steps)
     train(config, RunFolder(folder), lambda steps, progress_m: None, resume=False)
     return read_checkpoint(folder, 'rstdp').arrays
 

@@ -21,7 +21,8 @@ from spikelane.bag.reader import BagReader
 from spikelane.bag.source import BagSource
 from spikelane.bag.writer import BagWriter
 from spikelane.main import run
-from spikelane.runs.replay.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import summarise
 from spikelane.runs.replay.run import replay
 from spikelane_sim.errors import BagError
@@ -34,7 +35,7 @@ ZEROS = 1 << 27  # bytes; more than a small file may become
 def measured(bag: Path) -> dict[str, Any]:
     """Replay a bag; return what is measured."""
     drive = RecordedDrive(bag)
-    result = replay(make_config(bag, 'braitenberg', {}), drive)
+    result = replay(ReplayConfig.make(Request('1', 'braitenberg', parameters={}), bag), drive)
     return summarise(drive, result.answers, result.sensor)
 
 

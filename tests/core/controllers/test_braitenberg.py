@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.braitenberg.controller import (
@@ -102,8 +103,9 @@ def test_more_rows_can_excite_them() -> None:
 def test_it_laps_both_lanes_on_the_right_of_their_centre(lane: str, error_m: float) -> None:
     """Three laps of scenario 1 each; the errors are those that the README tells of."""
     config = [
-        make_config(
-            '1', 'braitenberg', lane, seed, 'inprocess', {'simulator.robot.model': 'kinematic'}
+        LapConfig.make(
+            Request('1', 'braitenberg', seed, 'inprocess', {'simulator.robot.model': 'kinematic'}),
+            lane,
         )
         for seed in range(3)
     ]

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.dqn_snn.controller import (
     DqnSnn,
@@ -201,7 +202,7 @@ def test_a_reader_written_from_the_page_drives_the_same_lap(
         'simulator.robot.model': 'kinematic',
         **{f'dqn_snn.{name}': value for name, value in values.items()},
     }
-    config = make_config('1', 'dqn_snn', lane, 4, 'inprocess', parameters)
+    config = LapConfig.make(Request('1', 'dqn_snn', 4, 'inprocess', parameters), lane)
     ours = drive_lap(config, lambda *_: None).trajectory
     theirs = reader(tmp_path / 'lane.nir', np.random.default_rng([4, 1, 1]))
     distances = []

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive_lap
 from spikelane_controllers.dqn.q_network import (
     decision_operations,
@@ -71,7 +72,8 @@ def test_a_dqn_multiplies_every_weight_for_a_decision() -> None:
 def test_a_dqn_decides_every_tenth_step() -> None:
     """At steps 0 and 10, and not with the observation that ends the episode."""
     driven = drive_lap(
-        make_config('1', 'dqn', 'outer', 0, 'inprocess', SHORT), lambda step, progress_m: None
+        LapConfig.make(Request('1', 'dqn', 0, 'inprocess', SHORT), 'outer'),
+        lambda step, progress_m: None,
     )
     assert driven.operations is not None
     assert driven.operations.decisions == 2

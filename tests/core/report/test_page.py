@@ -25,10 +25,11 @@ from spikelane.main import run
 from spikelane.report.again import drive_again
 from spikelane.report.collect import collect
 from spikelane.runs.arguments import given_parameters
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import versions
 from spikelane.runs.lap.trajectory import read_csv, write_csv
 from spikelane.runs.train import command as train
-from spikelane.runs.train.config import make_config
+from spikelane.runs.train.config import TrainConfig
 from spikelane_sim.errors import SpikelaneError
 
 # Seconds of work for one who has the machine for himself.
@@ -200,12 +201,14 @@ def test_the_commands_give_the_same_configurations(report: dict[str, Any]) -> No
         parser = argparse.ArgumentParser()
         train.add_arguments(parser)
         options = parser.parse_args(shlex.split(line)[2:])
-        config = make_config(
-            options.scenario,
-            options.controller,
-            options.seed,
-            options.transport,
-            given_parameters(options),
+        config = TrainConfig.make(
+            Request(
+                options.scenario,
+                options.controller,
+                options.seed,
+                options.transport,
+                given_parameters(options),
+            ),
             options.steps,
         )
         written = yaml.safe_load((folder / 'config.yaml').read_text())

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_lap
 from spikelane_sim.contract import STEP_S, WheelVelocities
@@ -15,7 +16,7 @@ from spikelane_sim.robots import make_robot, RobotParameters
 def test_it_completes_a_lap(controller: str) -> None:
     """With the weights learnt on the Pioneer P3-DX, and without a change of any parameter."""
     parameters = {'simulator.robot.model': 'turtlebot4', 'simulator.robot.engine': 'kinematic'}
-    config = make_config('1', controller, 'inner', 0, 'inprocess', parameters)
+    config = LapConfig.make(Request('1', controller, 0, 'inprocess', parameters), 'inner')
     measured = lap_metrics(drive_lap(config, lambda *_: None).trajectory, STEP_S)
     assert measured['completed']
     assert 11000 < measured['steps'] < 12000

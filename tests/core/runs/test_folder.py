@@ -11,14 +11,15 @@ import pytest
 import yaml
 
 from spikelane.runs import folder as run_folder
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder, RunFolderError, versions
-from spikelane.runs.lap.config import make_config
-from spikelane.runs.replay import config as replay
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.replay.config import ReplayConfig
 
 
 def test_a_lap_is_named_after_what_determines_it() -> None:
     """Scenario, controller, lane and seed are in the name."""
-    config = make_config('1', 'braitenberg', 'outer', 7, 'inprocess', {})
+    config = LapConfig.make(Request('1', 'braitenberg', 7, 'inprocess', {}), 'outer')
     assert config.usual_name == 'lap-1-braitenberg-outer-seed7'
 
 
@@ -66,7 +67,7 @@ def test_a_configuration_carries_the_versions(tmp_path: Path) -> None:
     """What was given and the versions come after the values."""
     folder = RunFolder.create(tmp_path / 'lap')
     given = {'sensor.crop_left': 2}
-    config = replay.make_config(Path('bag'), 'braitenberg', given, seed=3)
+    config = ReplayConfig.make(Request('1', 'braitenberg', 3, parameters=given), Path('bag'))
     folder.write_config(config, ['replay', 'bag'])
     read = yaml.safe_load(folder.config.read_text())
     assert list(read)[:2] == ['bag', 'events_topic']

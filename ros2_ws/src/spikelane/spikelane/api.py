@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-import time
 from typing import Any
 
 import pandas as pd
@@ -19,26 +18,25 @@ from spikelane.requirements import require
 from spikelane.runs.configuration import (
     check_seed,
     configured_controller,
-    configured_filters,
-    parameter_groups,
+    make_groups,
+    Request,
 )
-from spikelane.runs.evaluate.config import make_config as make_evaluate_config
+from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import evaluate as run_evaluation
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig, limit_drive
-from spikelane.runs.lap.config import make_config as make_lap_config
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_with, DrivenLap, report_lap
-from spikelane.runs.train.config import make_config as make_train_config
-from spikelane.runs.train.run import report_training
-from spikelane.runs.train.run import train as run_training
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import train_and_report
 from spikelane_controllers import registry
 from spikelane_controllers.registry import training_card
 from spikelane_controllers.shown import shown_by
 from spikelane_sim.contract import Controller, Observation, STEP_S, WheelVelocities
-from spikelane_sim.course import load_course, scenario_course
+from spikelane_sim.course import load_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: What drives: its name, or the controller itself.
@@ -108,7 +106,8 @@ def drive(
     given = _given(robot, engine, parameters)
     if isinstance(controller, str):
         given |= _checkpoint(controller, checkpoint)
-        config = make_lap_config(str(scenario), controller, lane, seed, 'inprocess', given)
+        asked = Request(str(scenario), controller, seed, parameters=given)
+        config = LapConfig.make(asked, lane)
         return _drive_configured(config, None if out is None else Path(out))
     if out is not None or checkpoint is not None:
         raise ParameterError('out, checkpoint: expected the name of a controller with them')
@@ -148,12 +147,11 @@ def train(
     """
     require([training_card(controller).requires])
     given = _given(robot, engine, parameters)
-    config = make_train_config(str(scenario), controller, seed, 'inprocess', given, steps)
+    asked = Request(str(scenario), controller, seed, parameters=given)
+    config = TrainConfig.make(asked, steps)
     folder = RunFolder.begin(config, None if out is None else Path(out))
     with locked(folder.path):
-        start_s = time.monotonic()
-        run_training(config, folder, _show_nothing, resume=False)
-        report_training(config, folder, time.monotonic() - start_s)
+        train_and_report(config, folder, _show_nothing, resume=False)
     return load_run(folder.path)
 
 
@@ -195,7 +193,8 @@ def evaluate(
     """
     given = _given(robot, engine, parameters) | _checkpoint(controller, checkpoint)
     what = {'seeds': seeds, 'lanes': tuple(lanes), 'courses': tuple(courses)}
-    config = make_evaluate_config(str(scenario), controller, seed, 'inprocess', given, what)
+    asked = Request(str(scenario), controller, seed, parameters=given)
+    config = EvaluateConfig.make(asked, what)
     folder = RunFolder.begin(config, None if out is None else Path(out))
     with locked(folder.path):
         run_evaluation(config, folder, _show_nothing)
@@ -223,15 +222,14 @@ def _drive_made(
 ) -> Run:
     """Drive a lap with any object that is a controller."""
     check_seed(seed)
-    begun = {'simulator': {'course': scenario_course(scenario)}, 'filter': {}}
-    groups = parameter_groups(given, begun)
-    parameters = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')
+    classes = {'simulator': SimulatorParameters, 'filter': FilterParameters}
+    groups = make_groups(given, classes, scenario)
+    parameters, filters = groups['simulator'], groups['filter']
     course = load_course(parameters.course)
     lane = course.lane(lane).name if lane else next(iter(course.lanes))
     length_m = max(each.length_m for each in course.lanes.values())
     parameters = limit_drive(parameters, given, length_m)
     watch = _Watch(controller)
-    filters = configured_filters(groups['filter'])
     driven = drive_with(controller, parameters, filters, lane, seed, watch)
     config = {
         'scenario': scenario,

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-import functools
 from pathlib import Path
 import tempfile
 from typing import Any
 
-from spikelane.runs.configuration import parameter_groups
+from spikelane.runs.configuration import group_values, Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap import config as lap_config
-from spikelane.runs.lap import run as lap
+from spikelane.runs.lap.config import default_weights, LapConfig
+from spikelane.runs.lap.run import drive
 from spikelane.runs.lap.trajectory import write_csv
-from spikelane.runs.train import config as train_config
-from spikelane.runs.train import run as training
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import train as train_in
 from spikelane.runs.transport import check_transport
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.controller_check import check_controller, Violations
@@ -46,8 +45,8 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
             ROS where it is asked for.
     """
     check_transport(transport, name)
-    given = {**lap_config.default_weights('1', name), **parameters}
-    own = parameter_groups(given, {name: {}})[name]
+    given = {**default_weights('1', name), **parameters}
+    own = group_values(given, [name]).get(name, {})
     found = check_controller(name, controller_class(name), own)
     violations = Violations(name)
     with tempfile.TemporaryDirectory(prefix='spikelane-check-') as folder:
@@ -68,11 +67,10 @@ def _check_lap(
     violations: Violations, name: str, parameters: Mapping[str, Any], folder: Path
 ) -> None:
     """Check that a short drive over ROS is the same as in one process."""
-    make = functools.partial(lap_config.make_config, '1', name, None, _SEED)
-    given = {**parameters, **_SHORT}
-    driven = lap.drive_lap(make('inprocess', given), _quiet)
-    config = make('ros', given)
-    over = lap.drive(config, RunFolder.begin(config, folder / 'lap'), _quiet)
+    asked = Request('1', name, _SEED, 'inprocess', {**parameters, **_SHORT})
+    driven = drive(LapConfig.make(asked), RunFolder(folder), _quiet)
+    config = LapConfig.make(asked._replace(transport='ros'))
+    over = drive(config, RunFolder.begin(config, folder / 'lap'), _quiet)
     write_csv(driven.trajectory, folder / 'inprocess.csv')
     write_csv(over.trajectory, folder / 'ros.csv')
     if (folder / 'inprocess.csv').read_bytes() != (folder / 'ros.csv').read_bytes():
@@ -91,10 +89,10 @@ def _check_training(
     given = {**parameters, **_SHORT}
 
     def train(where: str, steps: int, transport: str = 'inprocess') -> bytes:
-        config = train_config.make_config('1', name, _SEED, transport, given, steps)
+        config = TrainConfig.make(Request('1', name, _SEED, transport, given), steps)
         is_resumed = (folder / where).exists()
         run = RunFolder(folder / where) if is_resumed else RunFolder.begin(config, folder / where)
-        training.train(config, run, _quiet, resume=is_resumed)
+        train_in(config, run, _quiet, resume=is_resumed)
         read_checkpoint(run.checkpoint, name)
         return run.checkpoint.read_bytes()
 

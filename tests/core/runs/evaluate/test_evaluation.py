@@ -14,12 +14,13 @@ import yaml
 
 from spikelane.lock import locked
 from spikelane.main import run
-from spikelane.runs.evaluate.config import EvaluateConfig, make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.metrics import evaluation_metrics
 from spikelane.runs.evaluate.run import evaluate
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap import config as lap_config
 from spikelane.runs.lap import run as lap
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 import spikelane_sim.course
 from spikelane_sim.errors import SpikelaneError
@@ -33,7 +34,9 @@ SHORT: dict[str, Any] = {
 
 def config_of(evaluation: dict[str, Any], seed: int = 0, scenario: str = '1') -> EvaluateConfig:
     """Make the configuration of an evaluation of short drives."""
-    return make_config(scenario, 'braitenberg', seed, 'inprocess', SHORT, evaluation)
+    return EvaluateConfig.make(
+        Request(scenario, 'braitenberg', seed, 'inprocess', SHORT), evaluation
+    )
 
 
 def evaluate_in(path: Path, config: EvaluateConfig) -> dict[str, Any]:
@@ -93,7 +96,7 @@ def test_each_lap_is_the_one_driven_alone(tmp_path: Path) -> None:
     metrics = evaluate_in(tmp_path, config_of({'seeds': 2}, seed=7))
     assert len(metrics['laps']) == 4
     assert len({each['events'] for each in metrics['laps']}) > 1
-    config = lap_config.make_config('1', 'braitenberg', 'inner', 8, 'inprocess', SHORT)
+    config = LapConfig.make(Request('1', 'braitenberg', 8, 'inprocess', SHORT), 'inner')
     alone = lap.drive_lap(config, lambda step, progress_m: None).trajectory
     found = metrics['laps'][3]
     expected = {'course': '1', 'lane': 'inner', 'seed': 8, **lap_metrics(alone, 0.05)}

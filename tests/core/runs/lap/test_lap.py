@@ -19,7 +19,8 @@ import yaml
 
 from spikelane.main import _parser, run
 from spikelane.runs.arguments import given_parameters
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.trajectory import read_csv
 from spikelane_sim.errors import SpikelaneError
 
@@ -129,7 +130,7 @@ def test_the_configuration_drives_the_same_lap(lap: Lap) -> None:
         for group in ('simulator', 'braitenberg')
         for name, value in config[group].items()
     }
-    again = make_config('1', 'braitenberg', 'outer', 3, 'inprocess', parameters)
+    again = LapConfig.make(Request('1', 'braitenberg', 3, 'inprocess', parameters), 'outer')
     assert again.to_dict().items() <= config.items()
 
 
@@ -223,9 +224,9 @@ def test_wrong_use_is_refused_in_one_line(
 def test_another_image_goes_with_a_controller_that_is_made_for_it() -> None:
     """Both sizes are set."""
     sizes = {'simulator.camera.width': 64, 'dqn.image.width': 64}
-    assert make_config('1', 'dqn', None, 0, 'inprocess', sizes).simulator.camera.width == 64
+    assert LapConfig.make(Request('1', 'dqn', 0, 'inprocess', sizes)).simulator.camera.width == 64
     with pytest.raises(SpikelaneError, match=r'expected 64 x 128 px, .* got 128 x 128 px'):
-        make_config('1', 'dqn', None, 0, 'inprocess', {'dqn.image.width': 64})
+        LapConfig.make(Request('1', 'dqn', 0, 'inprocess', {'dqn.image.width': 64}))
 
 
 def test_an_unknown_controller_is_refused_in_one_line(
@@ -239,7 +240,7 @@ def test_an_unknown_controller_is_refused_in_one_line(
     assert err.count('\n') == 1
     assert "--controller: invalid choice: 'nobody' (choose from" in err
     with pytest.raises(SpikelaneError, match='controller: expected one of braitenberg'):
-        make_config('1', 'nobody', None, 0, 'inprocess', {})
+        LapConfig.make(Request('1', 'nobody', 0, 'inprocess', {}))
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

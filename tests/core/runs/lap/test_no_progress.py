@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from spikelane.main import run
-from spikelane.runs.evaluate.config import make_config as make_evaluate_config
-from spikelane.runs.lap.config import make_config
-from spikelane.runs.train.config import make_config as make_train_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.evaluate.config import EvaluateConfig
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.train.config import TrainConfig
 from spikelane_sim.contract import LaneState, WheelVelocities
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.simulator import Simulator
@@ -165,7 +166,7 @@ def test_the_time_limit_fits_course_and_laps() -> None:
 
     def max_steps(**episode: int) -> int:
         given = {f'simulator.episode.{name}': value for name, value in episode.items()}
-        made = make_config('1', 'braitenberg', 'inner', 0, 'inprocess', given)
+        made = LapConfig.make(Request('1', 'braitenberg', 0, 'inprocess', given), 'inner')
         return made.simulator.episode.max_steps
 
     assert max_steps() == 31992
@@ -173,12 +174,12 @@ def test_the_time_limit_fits_course_and_laps() -> None:
     assert max_steps(max_laps=0) == 0
     assert max_steps(max_steps=7) == 7
     two = {'courses': ('1', 'random:0-0')}  # of which the second one's outer lane has 36.379 m
-    evaluation = make_evaluate_config('1', 'braitenberg', 0, 'inprocess', {}, two)
+    evaluation = EvaluateConfig.make(Request('1', 'braitenberg', 0, 'inprocess', {}), two)
     assert evaluation.simulator.episode.max_steps == 36380
 
 
 @pytest.mark.parametrize('controller', ['rstdp', 'dqn'])
 def test_a_training_has_no_such_limits(controller: str) -> None:
     """Learning needs every kind of drive, and ends after its steps."""
-    config = make_train_config('1', controller, 0, 'inprocess', {})
+    config = TrainConfig.make(Request('1', controller, 0, 'inprocess', {}))
     assert config.simulator.episode.no_progress_steps == 0

@@ -15,7 +15,8 @@ import pytest
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.main import run
-from spikelane.runs.replay.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import compare, drive_metrics, summarise
 from spikelane.runs.replay.run import replay
 from spikelane_controllers.learning.training import Training, TrainingParameters
@@ -47,7 +48,10 @@ def replayed(
     """Replay a bag; return what is measured."""
     drive = RecordedDrive(bag, options.pop('events_topic', None))
     parameters = options.pop('parameters', {})
-    result = replay(make_config(bag, controller, parameters, seed=seed, **options), drive)
+    result = replay(
+        ReplayConfig.make(Request('1', controller, seed, parameters=parameters), bag, **options),
+        drive,
+    )
     return summarise(drive, result.answers, result.sensor)
 
 
@@ -473,7 +477,7 @@ def test_real_cameras_are_answered_in_real_time(
         pytest.skip(f'no recordings of cameras at {CAMERAS}')
     bag = CAMERAS / name
     drive = RecordedDrive(bag)
-    result = replay(make_config(bag, controller, {}), drive)
+    result = replay(ReplayConfig.make(Request('1', controller, parameters={}), bag), drive)
     told = summarise(drive, result.answers, result.sensor)
     assert (told['packets'], told['steps'], told['source']) == (packets, steps, 'camera')
     assert counts.items() <= told['events'].items()
@@ -503,7 +507,9 @@ def test_a_real_cameras_answers_are_compared_too(drives, bag_of: BagOf) -> None:
     """They carry the ends of steps of 50 ms for their stamps."""
     said = camera_drive(drives)
     bag = bag_of(said)
-    answers = replay(make_config(bag, 'braitenberg', {}, seed=1), RecordedDrive(bag)).answers
+    answers = replay(
+        ReplayConfig.make(Request('1', 'braitenberg', 1, parameters={}), bag), RecordedDrive(bag)
+    ).answers
     # The first event is in the first ms; 1.001 s have 20 steps, the last one not complete.
     assert len(answers) in (19, 20)
     first_ns = 2 * 10**9
@@ -542,7 +548,9 @@ def test_wrong_parameters_are_refused(arguments: dict[str, Any], message: str) -
     """Before anything is replayed."""
     parameters = arguments.pop('parameters', {})
     with pytest.raises(ParameterError, match=message):
-        make_config(Path('bag'), 'braitenberg', parameters, **arguments)
+        ReplayConfig.make(
+            Request('1', 'braitenberg', parameters=parameters), Path('bag'), **arguments
+        )
 
 
 # --- the command ----------------------------------------------------------------------------

@@ -18,8 +18,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 import yaml
 
 from spikelane.main import run
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config, TrainConfig
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import make_training, train
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn.training import (
@@ -51,7 +52,7 @@ SAVE_EVERY = 10
 
 def config_of(steps: int = STEPS, seed: int = 3, **parameters: Any) -> TrainConfig:
     """Make the configuration of a small training, often saved."""
-    config = make_config('1', 'dqn', seed, 'inprocess', SMALL | parameters, steps)
+    config = TrainConfig.make(Request('1', 'dqn', seed, 'inprocess', SMALL | parameters), steps)
     training = DqnTrainingParameters(steps=steps, save_every=SAVE_EVERY)
     return dataclasses.replace(config, training=training)
 
@@ -121,12 +122,14 @@ def test_the_seed_determines_everything(whole: Path, tmp_path: Path) -> None:
 CODE = """
 import dataclasses, os, sys
 from pathlib import Path
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train
 from spikelane_controllers.dqn.training import DqnTrainingParameters
 path, steps, save_every, resume, parameters, where, count = sys.argv[1:]
-config = make_config('1', 'dqn', 3, 'inprocess', eval(parameters), int(steps))
+asked = Request('1', 'dqn', 3, 'inprocess', eval(parameters))
+config = TrainConfig.make(asked, int(steps))
 training = DqnTrainingParameters(steps=int(steps), save_every=int(save_every))
 config = dataclasses.replace(config, training=training)
 def end_at(now):
@@ -327,7 +330,7 @@ def test_the_command_trains_and_its_network_drives(
 
 def test_defaults_of_training_are_the_papers() -> None:
     """1,000 actions at most, the lane lost at 0.5 m, no end at a lap."""
-    config = make_config('1', 'dqn', 0, 'inprocess', {})
+    config = TrainConfig.make(Request('1', 'dqn', 0, 'inprocess', {}))
     episode = config.simulator.episode
     assert (episode.max_distance_m, episode.max_laps, episode.max_steps) == (0.5, 0, 10_000)
     assert (config.training.steps, config.training.save_every) == (100_000, 1000)

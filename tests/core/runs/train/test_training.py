@@ -16,8 +16,9 @@ import pytest
 import yaml
 
 from spikelane.main import run
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config, TrainConfig
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import make_training, train
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.learning.results import TrainingResults
@@ -41,7 +42,7 @@ STEPS = 650
 
 def config_of(steps: int = STEPS, seed: int = 3, **parameters: Any) -> TrainConfig:
     """Make the configuration of a training that swerves, with other parameters."""
-    return make_config('1', 'rstdp', seed, 'inprocess', SWERVING | parameters, steps)
+    return TrainConfig.make(Request('1', 'rstdp', seed, 'inprocess', SWERVING | parameters), steps)
 
 
 def train_in(path: Path, config: TrainConfig, *, resume: bool = False) -> Training:
@@ -103,10 +104,12 @@ CODE = """
 import os, sys
 from pathlib import Path
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config
+from spikelane.runs.configuration import Request
+from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train
 path, steps, resume, parameters, where, count, number = sys.argv[1:]
-config = make_config('1', 'rstdp', 3, 'inprocess', eval(parameters), int(steps))
+asked = Request('1', 'rstdp', 3, 'inprocess', eval(parameters))
+config = TrainConfig.make(asked, int(steps))
 def end_at(now):
     if now == int(count):
         os.kill(os.getpid(), int(number))
@@ -431,7 +434,7 @@ def test_the_trainings_own_parameters_are_a_group_like_any_other() -> None:
     def training_of(steps: int | None = None, **parameters: int) -> TrainingParameters:
         """Return what a training of R-STDP is made from; __ stands for a dot."""
         given = {name.replace('__', '.'): value for name, value in parameters.items()}
-        return make_config('1', 'rstdp', 1, 'inprocess', given, steps).training
+        return TrainConfig.make(Request('1', 'rstdp', 1, 'inprocess', given), steps).training
 
     assert training_of(training__save_every=50) == TrainingParameters(save_every=50)
     assert training_of(90) == training_of(training__steps=90) == TrainingParameters(steps=90)

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from spikelane.runs.arguments import add_parameter_arguments, parse_parameters
-from spikelane.runs.configuration import parameter_groups
+from spikelane.runs.configuration import make_groups
 from spikelane_controllers.registry import card, cards, controller_class, hook
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
@@ -58,11 +58,12 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError(
             f'{controller}.checkpoint: expected as an argument, got a parameter too'
         )
-    groups = parameter_groups(given, {controller: {'checkpoint': checkpoint}})
-    parameters_class = controller_class(controller).parameters_class
-    parameters = parameters_class.from_mapping(groups[controller], controller)
+    groups = make_groups(
+        {**given, f'{controller}.checkpoint': checkpoint},
+        {controller: controller_class(controller).parameters_class},
+    )
     export_nir = hook(controller, card(controller).nir_graph)
-    graph = export_nir(options.out, parameters)
+    graph = export_nir(options.out, groups[controller])
     nodes = {name: type(node).__name__ for name, node in graph.nodes.items()}
     result = {'file': str(options.out), 'nodes': nodes, 'metadata': graph.metadata}
     if options.json:

@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from spikelane.executables import find_executable, ROS_ADVICE
+from spikelane.executables import find_executable
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.lock import locked
 from spikelane.requirements import require
@@ -19,17 +19,17 @@ from spikelane.runs.arguments import (
     given_parameters,
     given_weights,
     progress,
+    request_of,
 )
 from spikelane.runs.configuration import check_number
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.config import LapConfig, make_config
-from spikelane.runs.lap.run import report_lap
-from spikelane.runs.train.config import make_config as make_training_config
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.lap.run import drive, report_lap
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import report_training
+from spikelane.runs.train.run import train_and_report
 from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
 from spikelane_controllers.registry import controller_names, training_card, training_names
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.errors import ParameterError
 
 _CHECK_PERIOD_S = 0.2
 
@@ -97,7 +97,10 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
     for node in ('viewer', 'simulator', options.controller):
         find_executable(node)
-    if options.train and options.controller in training_names():
+    if options.train:
+        if options.controller not in training_names():
+            expected = ', '.join(training_names())
+            raise ParameterError(f'--train: expected one of {expected}, got {options.controller}')
         require([training_card(options.controller).requires])
     try:
         with ViewerServer(options.port, options.data_port) as server:
@@ -137,43 +140,14 @@ def _become_viewer(options: argparse.Namespace) -> int:
 
 def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     """Let the robot drive or learn before the viewer's eyes; return the results."""
-    try:
-        # Here and not above: where there is no ROS the command must be able to say so.
-        from spikelane.runs.lap.nodes.driving import drive_lap_over_ros
-        from spikelane.runs.train.nodes.training import train_over_ros
-    except ImportError as error:
-        raise SpikelaneError(
-            f'expected ROS 2 and the built workspace, got {error}: {ROS_ADVICE}'
-        ) from None
     viewer = {'server': server.address}
+    if options.train:
+        training = TrainConfig.make(request_of(options, given_parameters(options)), options.steps)
+        folder = RunFolder.begin(training, options.out, options.command_line)
+        with progress(options.json) as show, locked(folder.path):
+            return train_and_report(training, folder, show, resume=False, viewer=viewer)
+    asked = request_of(options, given_parameters(options) | given_weights(options))
+    lap = LapConfig.make(asked, options.lane)
+    folder = RunFolder.begin(lap, options.out, options.command_line)
     with progress(options.json) as show:
-        if options.train:
-            config = _training_config(options)
-            folder = RunFolder.begin(config, options.out, options.command_line)
-            with locked(folder.path):
-                train_over_ros(config, folder, show, resume=False, viewer=viewer)
-                return report_training(config, folder, None)
-        lap = _lap_config(options)
-        folder = RunFolder.begin(lap, options.out, options.command_line)
-        return report_lap(lap, drive_lap_over_ros(lap, folder, show, viewer), folder)
-
-
-def _lap_config(options: argparse.Namespace) -> LapConfig:
-    parameters = given_parameters(options) | given_weights(options)
-    return make_config(
-        options.scenario, options.controller, options.lane, options.seed, 'ros', parameters
-    )
-
-
-def _training_config(options: argparse.Namespace) -> TrainConfig:
-    if options.controller not in training_names():
-        expected = ', '.join(training_names())
-        raise ParameterError(f'--train: expected one of {expected}, got {options.controller}')
-    return make_training_config(
-        options.scenario,
-        options.controller,
-        options.seed,
-        'ros',
-        given_parameters(options),
-        options.steps,
-    )
+        return report_lap(lap, drive(lap, folder, show, viewer), folder)

@@ -9,19 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
-import time
 from typing import Any, cast, NamedTuple
 
-from spikelane.runs.configuration import RunConfig
+from spikelane.runs.configuration import Request, RunConfig
 from spikelane.runs.evaluate.config import EvaluateConfig, EvaluationParameters
-from spikelane.runs.evaluate.config import make_config as make_evaluate_config
 from spikelane.runs.evaluate.run import evaluate, ShowShare
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.train.config import make_config as make_train_config
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import report_training, train
-from spikelane.runs.transfer.config import configure_transfer, source_of, TransferConfig
-from spikelane.runs.transfer.config import make_config as make_transfer_config
+from spikelane.runs.train.run import train_and_report
+from spikelane.runs.transfer.config import source_of, TransferConfig
 from spikelane.runs.transfer.run import report_transfer, transfer
 from spikelane_controllers.learning.gathering import GatheringParameters, MOST_STATES
 from spikelane_controllers.learning.transfer import STATES
@@ -51,6 +47,11 @@ class Point(NamedTuple):
     transport: str
     parameters: Mapping[str, Any]  # under dotted names
     course: str  # to evaluate on, '' for the scenario's
+
+    def request(self, parameters: Mapping[str, Any] = {}) -> Request:
+        """Return what a run here is asked for with, with other parameters unless it has them."""
+        given = {**parameters, **self.parameters}
+        return Request(self.scenario, self.controller, self.seed, self.transport, given)
 
 
 class Need(NamedTuple):
@@ -122,48 +123,26 @@ def _configure_training(
     point: Point, options: TrainOptions, checkpoint: str | None
 ) -> TrainConfig:
     del checkpoint
-    return make_train_config(
-        point.scenario,
-        point.controller,
-        point.seed,
-        point.transport,
-        point.parameters,
-        options.steps or None,
-    )
+    return TrainConfig.make(point.request(), options.steps or None)
 
 
 def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
-    resume = folder.checkpoint.exists()
-    start_s = time.monotonic()
-
     def show_steps(steps: int, progress_m: float) -> None:
         del progress_m
         show(steps, min(1.0, steps / config.training.steps))
 
-    train(config, folder, show_steps, resume=resume)
-    wall_time_s = None if resume else time.monotonic() - start_s
-    return report_training(config, folder, wall_time_s)
+    return train_and_report(config, folder, show_steps, resume=folder.checkpoint.exists())
 
 
 def _configure_transfer(
     point: Point, options: TransferOptions, checkpoint: str | None
 ) -> TransferConfig:
-    parameters = {
-        'gathering.states': options.states,
-        **({'transfer.steps': options.steps} if options.steps else {}),
-        **point.parameters,
-    }
+    steps = {'transfer.steps': options.steps} if options.steps else {}
+    asked = point.request({'gathering.states': options.states, **steps})
     assert checkpoint is not None  # it must have its need
     # While runs are planned there is nothing to be found at that place.
-    make = configure_transfer if checkpoint == FROM_RUN else make_transfer_config
-    return make(
-        point.controller,
-        point.scenario,
-        checkpoint,
-        point.seed,
-        parameters,
-        options.from_training,
-    )
+    make = TransferConfig.plan if checkpoint == FROM_RUN else TransferConfig.make
+    return make(asked, checkpoint, options.from_training)
 
 
 def _transfer(config: TransferConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
@@ -186,17 +165,13 @@ def _configure_evaluation(
     point: Point, options: EvaluateOptions, checkpoint: str | None
 ) -> EvaluateConfig:
     taken = {} if checkpoint is None else {f'{point.controller}.checkpoint': checkpoint}
-    return make_evaluate_config(
-        point.scenario,
-        point.controller,
-        point.seed + options.seed_offset,
-        point.transport,
-        {'simulator.episode.max_laps': options.laps, **point.parameters, **taken},
-        {
-            'seeds': options.seeds,
-            'lanes': options.lanes,
-            'courses': (point.course,) if point.course else (),
-        },
+    laps = point._replace(
+        seed=point.seed + options.seed_offset, parameters={**point.parameters, **taken}
+    )
+    courses = (point.course,) if point.course else ()
+    return EvaluateConfig.make(
+        laps.request({'simulator.episode.max_laps': options.laps}),
+        {'seeds': options.seeds, 'lanes': options.lanes, 'courses': courses},
     )
 
 

@@ -14,12 +14,13 @@ import shlex
 from typing import Any
 
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
+from spikelane.runs.configuration import Request, RunConfig
 from spikelane.runs.input_files import transferred_controller
-from spikelane.runs.lap import config as lap
-from spikelane.runs.train import config as training
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.transfer.config import TransferConfig
 from spikelane_controllers.registry import transfer_class
-from spikelane_sim.course import scenario_course
-from spikelane_sim.parameters import flatten, grouped
+from spikelane_sim.parameters import flatten
 from spikelane_sim.parsing import parse_yaml
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -148,16 +149,9 @@ def _parameters(config: Mapping[str, Any]) -> dict[str, Any]:
 def _usual(kind: str, scenario: str, controller: str) -> dict[str, Any]:
     """Return the parameters that a command has by itself, as YAML gives them."""
     if kind == 'lap':
-        config = lap.make_config(scenario, controller, None, 0, 'inprocess', {}).to_dict()
+        config: RunConfig = LapConfig.make(Request(scenario, controller))
     elif kind == 'training':
-        config = training.make_config(scenario, controller, 0, 'inprocess', {}).to_dict()
+        config = TrainConfig.make(Request(scenario, controller))
     else:
-        own: dict[str, Any] = {'course': scenario_course(scenario)}
-        cls = transfer_class(controller)
-        own |= grouped(cls.defaults).get('simulator', {})
-        config = {
-            'controller': controller,
-            'simulator': SimulatorParameters.from_mapping(own, 'simulator').to_dict(),
-            **{name: group().to_dict() for name, group in cls.parameters_classes.items()},
-        }
-    return _parameters(json.loads(json.dumps(config, default=list)))
+        config = TransferConfig.plan(Request(scenario, controller), '', False)
+    return _parameters(json.loads(json.dumps(config.to_dict(), default=list)))

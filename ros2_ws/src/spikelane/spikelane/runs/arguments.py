@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 import contextlib
 from pathlib import Path
 import re
 import sys
 from typing import Any
 
-from spikelane.runs.configuration import TRANSPORTS
+from spikelane.runs.configuration import Request, TRANSPORTS
 from spikelane.runs.lap.run import OnLapProgress
 from spikelane_controllers.registry import controller_class, controller_names, usual_controller
 from spikelane_controllers.weights import shipped_weights
@@ -170,6 +170,17 @@ def given_robot(options: argparse.Namespace) -> dict[str, str]:
     """Return the parameters that a given robot and engine are."""
     flags = {'simulator.robot.model': options.robot, 'simulator.robot.engine': options.engine}
     return {name: value for name, value in flags.items() if value is not None}
+
+
+def request_of(options: argparse.Namespace, parameters: Mapping[str, Any]) -> Request:
+    """Return what a run is asked for with, by the arguments that determine any run.
+
+    Args:
+        options: The arguments, of `add_configuration_arguments` and `controller`.
+        parameters: All that were given.
+    """
+    transport = getattr(options, 'transport', 'inprocess')
+    return Request(options.scenario, options.controller, options.seed, transport, parameters)
 
 
 def parse_parameters(texts: Iterable[str]) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""What determines a run: scenario, controller, seed, transport and all parameters."""
+"""What determines a run: the base of the configurations of all kinds, and how they are made."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 import dataclasses
 from pathlib import Path
-from typing import Any, Protocol, TypedDict
+from typing import Any, NamedTuple, Protocol
 
 from spikelane.runs.transport import check_transport
 from spikelane_controllers.controller_host import image_size
@@ -15,10 +15,32 @@ from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
-from spikelane_sim.parameters import Parameters
+from spikelane_sim.parameters import grouped, Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 TRANSPORTS = ('ros', 'inprocess')
+
+
+class Request(NamedTuple):
+    """What any run is asked for with.
+
+    The configuration of each kind has a class method `make`, which takes this and what only that
+    kind has.
+
+    Attributes:
+        scenario: '1' to '3' of the paper, or the name or path of another course.
+        controller: Name in the controllers' registry.
+        seed: Seed of all randomness.
+        transport: One of TRANSPORTS; for kinds of runs that have it.
+        parameters: Others than the defaults of the kind of run, under dotted names, as
+            `simulator.camera.fov_deg`, `braitenberg.poisson.max_rate_hz` and `filter.chain`.
+    """
+
+    scenario: str
+    controller: str
+    seed: int = 0
+    transport: str = 'inprocess'
+    parameters: Mapping[str, Any] = {}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -57,10 +79,10 @@ class Configuration(RunConfig):
     """What determines a run in which a controller drives.
 
     Attributes:
-        scenario: '1' to '3' of the paper, or the name or path of another course.
-        controller: Name in the controllers' registry.
-        seed: Seed of the simulator's and the controller's randomness.
-        transport: One of TRANSPORTS.
+        scenario: As in Request.
+        controller: As in Request.
+        seed: As in Request.
+        transport: As in Request.
         simulator: Its parameters.
         controller_parameters: Parameters of the controller's own class.
         filter: What events go through before the controller is given them.
@@ -83,79 +105,50 @@ class Configuration(RunConfig):
         configured_controller(self)
         check_transport(self.transport, self.controller)
 
-
-class ConfigurationParts(TypedDict):
-    """The fields of a `Configuration`, checked."""
-
-    scenario: str
-    controller: str
-    seed: int
-    transport: str
-    simulator: SimulatorParameters
-    controller_parameters: Parameters
-    filter: FilterParameters
+    def facts(self) -> dict[str, Any]:
+        """Return what the metrics of a run say of its configuration."""
+        return {
+            'scenario': self.scenario,
+            'controller': self.controller,
+            'seed': self.seed,
+            'transport': self.transport,
+            **simulator_facts(self.simulator),
+        }
 
 
 def configure(
-    scenario: str,
-    controller: str,
-    seed: int,
-    transport: str,
-    parameters: Mapping[str, Any],
-    others: Sequence[str] = (),
-) -> ConfigurationParts:
-    """Check what determines a run.
+    asked: Request, defaults: Mapping[str, Any], **others: type[Parameters]
+) -> dict[str, Any]:
+    """Return the fields of a `Configuration`, checked.
 
     Args:
-        scenario: As in Configuration.
-        controller: As in Configuration.
-        seed: As in Configuration.
-        transport: As in Configuration.
-        parameters: Others than the defaults, as `simulator.camera.fov_deg`,
-            `braitenberg.poisson.max_rate_hz` and `filter.chain`.
-        others: Names of further groups that parameters may be in; they are left to the caller.
+        asked: What determines the run.
+        defaults: Parameters whose defaults are others in this kind of run, under dotted names.
+        others: Classes of further groups of parameters, which are fields of their own.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
     """
-    cls = controller_class(controller).parameters_class
-    groups = parameter_groups(
-        parameters,
-        {
-            'simulator': {'course': scenario_course(scenario)},
-            controller: {},
-            'filter': {},
-            **{name: {} for name in others},
-        },
-    )
-    check_seed(seed)
-    simulator = SimulatorParameters.from_mapping(groups['simulator'], 'simulator')
-    controller_parameters = cls.from_mapping(groups[controller], controller)
-    _check_image(simulator.camera, controller, controller_parameters)
-    return {
-        'scenario': scenario,
+    controller = asked.controller
+    classes: dict[str, type[Parameters]] = {
+        'simulator': SimulatorParameters,
+        controller: controller_class(controller).parameters_class,
+        'filter': FilterParameters,
+        **others,
+    }
+    groups = make_groups({**defaults, **asked.parameters}, classes, asked.scenario)
+    check_seed(asked.seed)
+    fields = {
+        'given': asked.parameters,
+        'scenario': asked.scenario,
         'controller': controller,
-        'seed': seed,
-        'transport': transport,
-        'simulator': simulator,
-        'controller_parameters': controller_parameters,
-        'filter': configured_filters(groups['filter']),
+        'seed': asked.seed,
+        'transport': asked.transport,
+        'controller_parameters': groups.pop(controller),
+        **groups,
     }
-
-
-def configured_filters(given: Mapping[str, Any]) -> FilterParameters:
-    """Make the parameters of filters, by name; nodes need not run in this folder.
-
-    Raises:
-        ParameterError: Anything is unknown or not allowed.
-    """
-    filters = FilterParameters.from_mapping(given, 'filter')
-    masks = {
-        name: str(Path(value).absolute())
-        for name, value in filters.to_dict().items()
-        if name.endswith('.file') and value
-    }
-    return FilterParameters.from_mapping(filters.to_dict() | masks) if masks else filters
+    _check_image(fields['simulator'].camera, controller, fields['controller_parameters'])
+    return fields
 
 
 def _check_image(camera: CameraParameters, controller: str, parameters: Parameters) -> None:
@@ -167,6 +160,16 @@ def _check_image(camera: CameraParameters, controller: str, parameters: Paramete
             f'{wanted[1]} px, which {controller} is made for, '
             f'got {camera.width} x {camera.height} px'
         )
+
+
+def simulator_facts(simulator: SimulatorParameters) -> dict[str, Any]:
+    """Return what the metrics of a run say of its simulator."""
+    return {
+        'robot': simulator.robot.model,
+        'engine': simulator.robot.engine,
+        'pixels': simulator.pixels.model,
+        'antialias': simulator.camera.antialias,
+    }
 
 
 class Controlled(Protocol):
@@ -190,31 +193,61 @@ def configured_controller(config: Controlled) -> Controller:
     return make_controller(config.controller, config.controller_parameters.to_dict())
 
 
-def parameter_groups(
-    parameters: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]
-) -> dict[str, dict[str, Any]]:
-    """Sort parameters by what they are of.
+def make_groups(
+    parameters: Mapping[str, Any],
+    classes: Mapping[str, type[Parameters]],
+    scenario: str | None = None,
+) -> dict[str, Any]:
+    """Make groups of parameters.
 
     Args:
         parameters: By name, `group.name`.
-        groups: What each group has already; a simulator's course is fixed by the scenario.
+        classes: The class of each group.
+        scenario: Whose course the group `simulator` has, where there is one.
 
     Returns:
-        All parameters of each group, under their names without the group's.
+        Of each group an instance of its class.
 
     Raises:
-        ParameterError: There is no such group, or the course is another.
+        SpikelaneError: There is no such group or scenario, the course is another, or a parameter
+            is unknown or not allowed.
     """
-    sorted_ = {group: dict(values) for group, values in groups.items()}
-    for name, value in parameters.items():
-        group, _, rest = name.partition('.')
-        if group not in sorted_:
-            expected = ' or '.join(f'{group}.<name>' for group in sorted_)
+    groups = group_values(parameters, classes)
+    if scenario is not None:
+        simulator, course = groups.setdefault('simulator', {}), scenario_course(scenario)
+        if simulator.setdefault('course', course) != course:
+            raise ParameterError(
+                f'simulator.course: expected that of --scenario, got {simulator["course"]!r}'
+            )
+    made = {name: cls.from_mapping(groups.get(name, {}), name) for name, cls in classes.items()}
+    if isinstance(filters := made.get('filter'), FilterParameters):
+        made['filter'] = _with_whole_paths(filters)
+    return made
+
+
+def _with_whole_paths(filters: FilterParameters) -> FilterParameters:
+    """Return the parameters of filters with absolute paths: nodes need not run in this folder."""
+    masks = {
+        name: str(Path(value).absolute())
+        for name, value in filters.to_dict().items()
+        if name.endswith('.file') and value
+    }
+    return FilterParameters.from_mapping(filters.to_dict() | masks) if masks else filters
+
+
+def group_values(
+    parameters: Mapping[str, Any], groups: Collection[str]
+) -> dict[str, dict[str, Any]]:
+    """Return parameters by their group, one of some.
+
+    Raises:
+        ParameterError: There is no such group.
+    """
+    for name in parameters:
+        if name.partition('.')[0] not in groups:
+            expected = ' or '.join(f'{group}.<name>' for group in groups)
             raise ParameterError(f'unknown parameter {name!r}; expected {expected}')
-        if name == 'simulator.course' and value != sorted_[group]['course']:
-            raise ParameterError(f'simulator.course: expected that of --scenario, got {value!r}')
-        sorted_[group][rest] = value
-    return sorted_
+    return grouped(parameters)
 
 
 def check_number(name: str, value: int | None, low: int, high: int) -> None:

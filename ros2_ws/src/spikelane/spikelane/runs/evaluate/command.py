@@ -13,9 +13,10 @@ from spikelane.runs.arguments import (
     given_parameters,
     given_weights,
     progress,
+    request_of,
 )
 from spikelane.runs.configuration import check_number
-from spikelane.runs.evaluate.config import EvaluateConfig, make_config
+from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import draw_some_courses, evaluate
 from spikelane.runs.evaluate.summary import UNITS, units_in_words
 from spikelane.runs.folder import RunFolder, RUNS
@@ -74,12 +75,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
-    config = make_config(
-        options.scenario,
-        options.controller,
-        options.seed,
-        options.transport,
-        _parameters(options),
+    config = EvaluateConfig.make(
+        request_of(options, _parameters(options)),
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
     folder = _folder(config, options)

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 import dataclasses
 from typing import Any, NamedTuple
 
-from spikelane.runs.configuration import Configuration
-from spikelane.runs.lap import config as lap
-from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.configuration import Configuration, configure, Request
+from spikelane.runs.lap.config import default_weights, LapConfig, limit_drive
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.random_course import expand_courses
@@ -52,24 +51,38 @@ class EvaluateConfig(Configuration):
         """
         given = [each for name in self.evaluation.courses for each in expand_courses(name)]
         courses = list(dict.fromkeys(given)) or [self.scenario]
+        parts = {each.name: getattr(self, each.name) for each in dataclasses.fields(Configuration)}
         for number, scenario in enumerate(courses, 1):
             course = load_course(scenario_course(scenario))
             prefix = f'{number:03}-{course_label(scenario)}-' if len(courses) > 1 else ''
             simulator = dataclasses.replace(self.simulator, course=scenario_course(scenario))
+            parts |= {'scenario': scenario, 'simulator': simulator}
             for lane in dict.fromkeys(self.evaluation.lanes or course.lanes):
                 for seed in range(self.seed, self.seed + self.evaluation.seeds):
-                    config = LapConfig(
-                        scenario=scenario,
-                        controller=self.controller,
-                        lane=course.lane(lane).name,
-                        seed=seed,
-                        transport=self.transport,
-                        simulator=simulator,
-                        controller_parameters=self.controller_parameters,
-                        filter=self.filter,
-                    )
+                    config = LapConfig(lane=course.lane(lane).name, **{**parts, 'seed': seed})
                     length_m = course.lane(lane).length_m
                     yield LapOfEvaluation(f'{prefix}{lane}-seed{seed}', config, length_m)
+
+    @classmethod
+    def make(cls, asked: Request, evaluation: Mapping[str, Any]) -> EvaluateConfig:
+        """Make the configuration of an evaluation.
+
+        Args:
+            asked: As for a lap (`LapConfig.make`); its scenario is what the controller is for, its
+                seed the first one.
+            evaluation: Parameters of `EvaluationParameters`, by name.
+
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        parts = configure(asked, default_weights(asked.scenario, asked.controller))
+        load_course(parts['simulator'].course)  # refuses one that is not there
+        driven = EvaluationParameters.from_mapping(evaluation, 'evaluation')
+        config = cls(evaluation=driven, **parts)
+        # This also finds out what cannot be driven before anything is.
+        length_m = max(each.length_m for each in config.laps())
+        limited = limit_drive(config.simulator, asked.parameters, length_m)
+        return dataclasses.replace(config, simulator=limited)
 
 
 class LapOfEvaluation(NamedTuple):
@@ -78,34 +91,3 @@ class LapOfEvaluation(NamedTuple):
     name: str  # of its folder
     config: LapConfig
     length_m: float  # of one lap
-
-
-def make_config(
-    scenario: str,
-    controller: str,
-    seed: int,
-    transport: str,
-    parameters: Mapping[str, Any],
-    evaluation: Mapping[str, Any],
-) -> EvaluateConfig:
-    """Make the configuration of an evaluation.
-
-    Args:
-        scenario: As in `configure`; what the controller is for.
-        controller: As in `configure`.
-        seed: The first one.
-        transport: As in `configure`.
-        parameters: As in `lap.make_config`.
-        evaluation: Parameters of `EvaluationParameters`, by name.
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed.
-    """
-    one = lap.make_config(scenario, controller, None, seed, transport, parameters)
-    parts = {field.name: getattr(one, field.name) for field in dataclasses.fields(Configuration)}
-    given = EvaluationParameters.from_mapping(evaluation, 'evaluation')
-    config = EvaluateConfig(evaluation=given, **parts)
-    # This also finds out what cannot be driven before anything is.
-    length_m = max(each.length_m for each in config.laps())
-    limited = lap.limit_drive(config.simulator, parameters, length_m)
-    return dataclasses.replace(config, simulator=limited)

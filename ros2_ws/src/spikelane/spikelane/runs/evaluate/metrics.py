@@ -39,19 +39,12 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         summary['courses_completed'] = share_statistics(
             sum(each['successes'] == each['n'] for each in completed), len(completed)
         )
-    simulator = config.simulator
+    link = config.simulator.link
     return {
-        'scenario': config.scenario,
-        'controller': config.controller,
-        'seed': config.seed,
+        **config.facts(),
         'seeds': config.evaluation.seeds,
-        'transport': config.transport,
-        'robot': simulator.robot.model,
-        'engine': simulator.robot.engine,
-        'pixels': simulator.pixels.model,
-        'antialias': simulator.camera.antialias,
-        'latency_ms': simulator.link.latency_ms,
-        'event_loss': simulator.link.event_loss,
+        'latency_ms': link.latency_ms,
+        'event_loss': link.event_loss,
         'confidence': METHOD,
         'operations': _operations(rows),
         'summary': summary,

@@ -12,9 +12,10 @@ from spikelane.runs.arguments import (
     given_parameters,
     given_weights,
     progress,
+    request_of,
 )
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.config import make_config
+from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive, report_lap
 
 
@@ -34,14 +35,8 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: An option is wrong, or something failed.
     """
-    config = make_config(
-        options.scenario,
-        options.controller,
-        options.lane,
-        options.seed,
-        options.transport,
-        given_parameters(options) | given_weights(options),
-    )
+    asked = request_of(options, given_parameters(options) | given_weights(options))
+    config = LapConfig.make(asked, options.lane)
     folder = RunFolder.begin(config, options.out, options.command_line)
     with progress(options.json) as show:
         driven = drive(config, folder, show)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 import dataclasses
 import math
 from typing import Any
 
-from spikelane.runs.configuration import Configuration, configure
+from spikelane.runs.configuration import Configuration, configure, Request
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -15,7 +15,6 @@ from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Ends a drive that makes no progress: less than 0.1 m farther within 30 s.
 NO_PROGRESS_STEPS = 600
-
 
 #: The time limit of a lap is what this speed needs, a seventh of the usual one [m/s].
 SLOWEST_M_S = 0.02
@@ -37,31 +36,22 @@ class LapConfig(Configuration):
         scenario = course_label(self.scenario)
         return f'lap-{scenario}-{self.controller}-{self.lane}-seed{self.seed}'
 
+    @classmethod
+    def make(cls, asked: Request, lane: str | None = None) -> LapConfig:
+        """Make the configuration of a lap; no lane is the course's first.
 
-def make_config(
-    scenario: str,
-    controller: str,
-    lane: str | None,
-    seed: int,
-    transport: str,
-    parameters: Mapping[str, Any],
-) -> LapConfig:
-    """Make the configuration of a lap: see `configure`; no lane is the course's first.
+        A controller that learns has the weights shipped for the scenario unless others are given.
+        Unless other limits are given, the drive ends where the robot makes no progress, and after
+        the time that the course's longest lane takes at a slow speed (`limit_drive`).
 
-    A controller that learns has the weights shipped for the scenario unless others are given.
-    Unless other limits are given, the drive ends where the robot makes no progress, and after the
-    time that the course's longest lane takes at a slow speed (`limit_drive`).
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed.
-    """
-    given = {**default_weights(scenario, controller), **parameters}
-    parts = configure(scenario, controller, seed, transport, given)
-    course = load_course(parts['simulator'].course)
-    lane = course.lane(lane).name if lane else next(iter(course.lanes))
-    length_m = max(each.length_m for each in course.lanes.values())
-    parts['simulator'] = limit_drive(parts['simulator'], parameters, length_m)
-    return LapConfig(given=parameters, lane=lane, **parts)
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        parts = configure(asked, default_weights(asked.scenario, asked.controller))
+        course = load_course(parts['simulator'].course)
+        length_m = max(each.length_m for each in course.lanes.values())
+        parts['simulator'] = limit_drive(parts['simulator'], asked.parameters, length_m)
+        return cls(lane=course.lane(lane).name if lane else next(iter(course.lanes)), **parts)
 
 
 def limit_drive(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
@@ -42,20 +42,28 @@ class DrivenLap(NamedTuple):
     operations: Operations | None = None  # where they could be counted: in this process
 
 
-def drive(config: LapConfig, folder: RunFolder, show: OnLapProgress) -> DrivenLap:
+def drive(
+    config: LapConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    viewer: Mapping[str, Any] | None = None,
+) -> DrivenLap:
     """Drive a lap in this process or over ROS, as its configuration says.
 
     Args:
         config: What to drive.
         folder: Where bag, logs and node parameters go, over ROS.
         show: Called after every step, over ROS about once a second.
+        viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.
 
     Raises:
         SpikelaneError: The lap cannot be driven, or its recording is not complete.
     """
     if config.transport == 'inprocess':
         return drive_lap(config, show)
-    driven: DrivenLap = over_ros('lap.nodes.driving', 'drive_lap_over_ros')(config, folder, show)
+    driven: DrivenLap = over_ros('lap.nodes.driving', 'drive_lap_over_ros')(
+        config, folder, show, viewer
+    )
     return driven
 
 
@@ -134,13 +142,8 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         trajectory, load_course(config.simulator.course), folder.figures / 'lap', title
     )
     result = {
-        'scenario': config.scenario,
-        'controller': config.controller,
+        **config.facts(),
         'lane': config.lane,
-        'seed': config.seed,
-        'transport': config.transport,
-        'robot': config.simulator.robot.model,
-        'engine': config.simulator.robot.engine,
         **measured,
         'operations': None if driven.operations is None else driven.operations._asdict(),
         'steps_per_s': measured['steps'] / driven.wall_time_s,

@@ -10,8 +10,9 @@ from typing import Any
 
 from spikelane.bag.drive import RecordedDrive
 from spikelane.runs.arguments import given_weights, parse_parameters, progress
+from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.replay.config import make_config
+from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import unmeasured
 from spikelane.runs.replay.run import replay, report_replay
 from spikelane_controllers.registry import controller_class, controller_names
@@ -105,14 +106,17 @@ def run(options: argparse.Namespace) -> int:
             'the bag does not say the seed of what drove: the answers are compared with those of '
             'seed 0 (--seed)'
         )
-    config = make_config(
-        options.bag,
+    asked = Request(
+        options.scenario or _recorded_scenario(said),
         options.controller,
-        _recorded_parameters(options, said)
+        _seed(said) if options.seed is None else options.seed,
+        parameters=_recorded_parameters(options, said)
         | given_weights(options)
         | parse_parameters(options.param),
-        scenario=options.scenario or _recorded_scenario(said),
-        seed=_seed(said) if options.seed is None else options.seed,
+    )
+    config = ReplayConfig.make(
+        asked,
+        options.bag,
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
     )

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from spikelane.runs.configuration import (
     check_seed,
     configured_controller,
-    configured_filters,
-    parameter_groups,
+    make_groups,
+    Request,
     RunConfig,
 )
 from spikelane.runs.lap.config import default_weights
@@ -64,51 +62,49 @@ class ReplayConfig(RunConfig):
         """
         configured_controller(self)
 
+    @classmethod
+    def make(
+        cls,
+        asked: Request,
+        bag: Path,
+        *,
+        events_topic: str | None = None,
+        use_lane_state: bool = True,
+    ) -> ReplayConfig:
+        """Make the configuration of a replay.
 
-def make_config(
-    bag: Path,
-    controller: str,
-    parameters: Mapping[str, Any],
-    *,
-    scenario: str = '1',
-    seed: int = 0,
-    events_topic: str | None = None,
-    use_lane_state: bool = True,
-) -> ReplayConfig:
-    """Make the configuration of a replay.
+        Args:
+            asked: Its scenario says which shipped weights a controller has that learns; its
+                parameters are the controller's, and the sensor's as `sensor.crop_left`.
+            bag: As in ReplayConfig.
+            events_topic: As in ReplayConfig.
+            use_lane_state: As in ReplayConfig.
 
-    Args:
-        bag: Folder or file.
-        controller: Name in the controllers' registry.
-        parameters: Others than the defaults, as `braitenberg.poisson.max_rate_hz`,
-            `sensor.crop_left` and `filter.chain`.
-        scenario: Whose shipped weights a controller has that learns.
-        seed: Seed of the controller's randomness.
-        events_topic: Where the events are from; None for the usual topic.
-        use_lane_state: Whether the controller is given lane states.
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed.
-    """
-    load_course(scenario_course(scenario))  # refuses one that is not there
-    cls = controller_class(controller).parameters_class
-    groups = parameter_groups(
-        {**default_weights(scenario, controller), **parameters},
-        {controller: {}, 'sensor': {}, 'filter': {}},
-    )
-    check_seed(seed)
-    return ReplayConfig(
-        given=parameters,
-        bag=Path(bag),
-        events_topic=events_topic,
-        controller=controller,
-        scenario=scenario,
-        seed=seed,
-        use_lane_state=use_lane_state,
-        controller_parameters=cls.from_mapping(groups[controller], controller),
-        sensor=SensorParameters.from_mapping(groups['sensor'], 'sensor'),
-        filter=configured_filters(groups['filter']),
-    )
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        load_course(scenario_course(asked.scenario))  # refuses one that is not there
+        controller = asked.controller
+        groups = make_groups(
+            {**default_weights(asked.scenario, controller), **asked.parameters},
+            {
+                controller: controller_class(controller).parameters_class,
+                'sensor': SensorParameters,
+                'filter': FilterParameters,
+            },
+        )
+        check_seed(asked.seed)
+        return cls(
+            given=asked.parameters,
+            bag=Path(bag),
+            events_topic=events_topic,
+            controller=controller,
+            scenario=asked.scenario,
+            seed=asked.seed,
+            use_lane_state=use_lane_state,
+            controller_parameters=groups.pop(controller),
+            **groups,
+        )
 
 
 def uses_encoders(config: ReplayConfig) -> bool:

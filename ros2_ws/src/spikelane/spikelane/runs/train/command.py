@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from typing import Any
 
 from spikelane.lock import locked
 from spikelane.requirements import require
-from spikelane.runs.arguments import add_configuration_arguments, given_parameters, progress
+from spikelane.runs.arguments import (
+    add_configuration_arguments,
+    given_parameters,
+    progress,
+    request_of,
+)
 from spikelane.runs.folder import RunFolder, RUNS
-from spikelane.runs.train.config import make_config, TrainConfig
-from spikelane.runs.train.run import report_training, train
+from spikelane.runs.train.config import TrainConfig
+from spikelane.runs.train.run import train_and_report
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.registry import (
     training_card,
@@ -65,23 +69,14 @@ def run(options: argparse.Namespace) -> int:
         SpikelaneError: An option is wrong, or something failed.
     """
     require([training_card(options.controller).requires])
-    config = make_config(
-        options.scenario,
-        options.controller,
-        options.seed,
-        options.transport,
-        given_parameters(options) | _device(options),
-        options.steps,
-    )
+    asked = request_of(options, given_parameters(options) | _device(options))
+    config = TrainConfig.make(asked, options.steps)
     folder = _folder(config, options)
     with locked(folder.path):
-        start_s = time.monotonic()
         with progress(options.json) as show:
-            train(config, folder, show, resume=options.resume)
+            result = train_and_report(config, folder, show, resume=options.resume)
         if options.resume:  # perhaps for more steps than before
             folder.write_config(config, options.command_line)
-        wall_time_s = None if options.resume else time.monotonic() - start_s
-        result = report_training(config, folder, wall_time_s)
     print(json.dumps(result) if options.json else _summary(config, folder, result))
     return 0
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import dataclasses
 from typing import Any, cast
 
-from spikelane.runs.configuration import Configuration, configure, configured_controller
+from spikelane.runs.configuration import Configuration, configure, configured_controller, Request
 from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
@@ -21,14 +21,6 @@ from spikelane_controllers.registry import (
 from spikelane_sim.course import course_label
 from spikelane_sim.errors import ParameterError
 
-#: What the names of the simulator's parameters begin with.
-_SIMULATOR = 'simulator.'
-
-
-#: What those of the training begin with.
-_TRAINING = 'training.'
-
-
 _STEPS = 'training.steps'
 
 
@@ -41,7 +33,8 @@ def training_defaults(controller: str) -> Mapping[str, Any]:
     given = training_card(controller).defaults.items()
     return {
         **{
-            name if name.startswith(_SIMULATOR) else f'{controller}.{name}': v for name, v in given
+            name if name.startswith('simulator.') else f'{controller}.{name}': value
+            for name, value in given
         },
         f'{controller}.learning': True,
         f'{controller}.checkpoint': '',
@@ -72,49 +65,28 @@ class TrainConfig(Configuration):
         super().check()
         learning_controller(self)
 
+    @classmethod
+    def make(cls, asked: Request, steps: int | None = None) -> TrainConfig:
+        """Make the configuration of a training.
 
-def make_config(
-    scenario: str,
-    controller: str,
-    seed: int,
-    transport: str,
-    parameters: Mapping[str, Any],
-    steps: int | None = None,
-) -> TrainConfig:
-    """Make the configuration of a training: see `configure`.
+        Args:
+            asked: Its controller is one that learns; parameters of the training's length and
+                checkpoints are in the group `training`.
+            steps: Value of `training.steps`; None for as many as usual, or as in the parameters.
 
-    Args:
-        scenario: As in Configuration.
-        controller: As in Configuration, one that learns.
-        seed: As in Configuration.
-        transport: As in Configuration.
-        parameters: Others than the defaults of training; those of its length and its checkpoints
-            are in the group `training`.
-        steps: Value of `training.steps`; None for as many as usual, or as in the parameters.
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed.
-    """
-    cls = training_class(controller).parameters_class
-    known = controller_class(controller).parameters_class.specs()
-    check_learning_parameters(controller, {spec.name: spec for spec in known})
-    if steps is not None and _STEPS in parameters:
-        raise ParameterError(f'{_STEPS}: expected either --steps or the parameter, got both')
-    given = {
-        **training_defaults(controller),
-        **parameters,
-        **({} if steps is None else {_STEPS: steps}),
-    }
-    own = {
-        name.removeprefix(_TRAINING): value
-        for name, value in given.items()
-        if name.startswith(_TRAINING)
-    }
-    return TrainConfig(
-        given={**parameters, **({} if steps is None else {_STEPS: steps})},
-        training=cls.from_mapping(own, 'training'),
-        **configure(scenario, controller, seed, transport, given, ('training',)),
-    )
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        training = training_class(asked.controller).parameters_class
+        known = controller_class(asked.controller).parameters_class.specs()
+        check_learning_parameters(asked.controller, {spec.name: spec for spec in known})
+        if steps is not None:
+            if _STEPS in asked.parameters:
+                raise ParameterError(
+                    f'{_STEPS}: expected either --steps or the parameter, got both'
+                )
+            asked = asked._replace(parameters={**asked.parameters, _STEPS: steps})
+        return cls(**configure(asked, training_defaults(asked.controller), training=training))
 
 
 def learning_controller(config: TrainConfig) -> LearningController:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import contextlib
 import csv
 import io
@@ -53,8 +54,27 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
     return training
 
 
+def train_and_report(
+    config: TrainConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    *,
+    resume: bool,
+    viewer: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Train as `train` does, and report as `report_training` does."""
+    start_s = time.monotonic()
+    train(config, folder, show, resume=resume, viewer=viewer)
+    return report_training(config, folder, None if resume else time.monotonic() - start_s)
+
+
 def train(
-    config: TrainConfig, folder: RunFolder, show: OnLapProgress, *, resume: bool
+    config: TrainConfig,
+    folder: RunFolder,
+    show: OnLapProgress,
+    *,
+    resume: bool,
+    viewer: Mapping[str, Any] | None = None,
 ) -> Training:
     """Train in this process or over ROS, as the configuration says.
 
@@ -63,6 +83,7 @@ def train(
         folder: Where checkpoints go.
         show: Called after every step, over ROS about once a second.
         resume: Whether to go on from the folder's checkpoint.
+        viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.
 
     Raises:
         SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
@@ -70,7 +91,7 @@ def train(
     """
     if config.transport == 'ros':
         trained: Training = over_ros('train.nodes.training', 'train_over_ros')(
-            config, folder, show, resume=resume
+            config, folder, show, resume=resume, viewer=viewer
         )
         return trained
     training = make_training(config, folder, resume=resume)
@@ -106,14 +127,7 @@ def report_training(
     _write_episodes(results.terminations, results.episode_columns(), folder.episodes)
     name = f'{title(config.controller)}, scenario {config.scenario}, seed {config.seed}'
     result = {
-        'scenario': config.scenario,
-        'controller': config.controller,
-        'seed': config.seed,
-        'transport': config.transport,
-        'robot': config.simulator.robot.model,
-        'engine': config.simulator.robot.engine,
-        'pixels': config.simulator.pixels.model,
-        'antialias': config.simulator.camera.antialias,
+        **config.facts(),
         **results.metrics(),
         'wall_time_s': wall_time_s,
         'folder': str(folder.path),

@@ -10,9 +10,9 @@ import sys
 from typing import Any
 
 from spikelane.requirements import require
-from spikelane.runs.arguments import add_configuration_arguments, given_parameters
+from spikelane.runs.arguments import add_configuration_arguments, given_parameters, request_of
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.transfer.config import make_config
+from spikelane.runs.transfer.config import TransferConfig
 from spikelane.runs.transfer.run import report_transfer, transfer
 from spikelane_controllers.learning.gathering import GatheringParameters
 from spikelane_controllers.learning.transfer import OnStageProgress
@@ -67,15 +67,9 @@ def run(options: argparse.Namespace) -> int:
     """
     require([transfer_card(options.controller).requires])
     counts = {'gathering.states': options.states, 'transfer.steps': options.steps}
-    config = make_config(
-        options.controller,
-        options.scenario,
-        options.checkpoint,
-        options.seed,
-        {name: count for name, count in counts.items() if count is not None}
-        | given_parameters(options),
-        options.from_training,
-    )
+    given = {name: count for name, count in counts.items() if count is not None}
+    asked = request_of(options, given | given_parameters(options))
+    config = TransferConfig.make(asked, options.checkpoint, options.from_training)
     folder = RunFolder.begin(config, options.out, options.command_line)
     with _progress(options.json) as show:
         done = transfer(config, show)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 import dataclasses
 from pathlib import Path
-from typing import Any
 
-from spikelane.runs.configuration import check_seed, parameter_groups, RunConfig
+from spikelane.runs.configuration import check_seed, make_groups, Request, RunConfig
 from spikelane_controllers.learning.transfer import Transfer, TransferRequest
 from spikelane_controllers.registry import (
     transfer_card,
@@ -72,6 +71,66 @@ class TransferConfig(RunConfig):
         )
         return transfer_class(self.controller)(request)
 
+    @classmethod
+    def make(
+        cls, asked: Request, checkpoint: str | None = None, from_training: bool | None = None
+    ) -> TransferConfig:
+        """Make the configuration of a transfer.
+
+        Args:
+            asked: What is asked for; parameters are also in the transfer's own groups.
+            checkpoint: As in TransferConfig; None for the weights shipped for the scenario.
+            from_training: As in TransferConfig; None for where there are any.
+
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed, or there is no such checkpoint.
+        """
+        source = source_of(asked.controller)
+        if checkpoint is None:
+            checkpoint = scenario_course(asked.scenario)
+        elif checkpoint not in shipped_weights(source):
+            checkpoint = str(Path(checkpoint).absolute())
+        found = find_checkpoint(source, checkpoint)
+        is_there = transfer_class(asked.controller).has_states(found)
+        if from_training and not is_there:
+            raise ParameterError(
+                '--from-training: expected the states of the training beside the checkpoint, '
+                f'got none: {checkpoint}'
+            )
+        return cls.plan(asked, checkpoint, is_there if from_training is None else from_training)
+
+    @classmethod
+    def plan(cls, asked: Request, checkpoint: str, from_training: bool) -> TransferConfig:
+        """Make the configuration of a transfer as it will be, be its checkpoint there or not.
+
+        Args:
+            asked: As in `make`.
+            checkpoint: Taken as it is.
+            from_training: As in TransferConfig.
+
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed.
+        """
+        own = transfer_class(asked.controller)
+        groups = make_groups(
+            {**own.defaults, **asked.parameters},
+            {'simulator': SimulatorParameters, **own.parameters_classes},
+            asked.scenario,
+        )
+        check_seed(asked.seed)
+        config = cls(
+            given=asked.parameters,
+            controller=asked.controller,
+            scenario=asked.scenario,
+            checkpoint=checkpoint,
+            seed=asked.seed,
+            simulator=groups.pop('simulator'),
+            parameters=groups,
+            from_training=from_training,
+        )
+        config.make_transfer()  # checks what goes together
+        return config
+
 
 def source_of(controller: str) -> str:
     """Return the name of the controller that another one takes over from.
@@ -80,87 +139,3 @@ def source_of(controller: str) -> str:
         ParameterError: There is no such controller, or it takes nothing over.
     """
     return transfer_card(controller).source
-
-
-def make_config(
-    controller: str,
-    scenario: str,
-    checkpoint: str | None,
-    seed: int,
-    parameters: Mapping[str, Any],
-    from_training: bool | None,
-) -> TransferConfig:
-    """Make the configuration of a transfer.
-
-    Args:
-        controller: As in TransferConfig.
-        scenario: '1' to '3' of the paper, or the name or path of another course.
-        checkpoint: As in TransferConfig; None for the weights shipped for the scenario.
-        seed: Seed of all randomness.
-        parameters: Others than the defaults, as `simulator.camera.fov_deg`, `gathering.states`
-            and `transfer.steps`.
-        from_training: As in TransferConfig; None for where there are any.
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed, or there is no such checkpoint.
-    """
-    source = source_of(controller)
-    if checkpoint is None:
-        checkpoint = scenario_course(scenario)
-    elif checkpoint not in shipped_weights(source):
-        checkpoint = str(Path(checkpoint).absolute())
-    is_there = transfer_class(controller).has_states(find_checkpoint(source, checkpoint))
-    if from_training and not is_there:
-        raise ParameterError(
-            '--from-training: expected the states of the training beside the checkpoint, '
-            f'got none: {checkpoint}'
-        )
-    is_wanted = is_there if from_training is None else from_training
-    return configure_transfer(controller, scenario, checkpoint, seed, parameters, is_wanted)
-
-
-def configure_transfer(
-    controller: str,
-    scenario: str,
-    checkpoint: str,
-    seed: int,
-    parameters: Mapping[str, Any],
-    from_training: bool,
-) -> TransferConfig:
-    """Make the configuration of a transfer as it will be, whether its checkpoint is there or not.
-
-    Args:
-        controller: As in `make_config`.
-        scenario: As in `make_config`.
-        checkpoint: Taken as it is.
-        seed: As in `make_config`.
-        parameters: As in `make_config`.
-        from_training: As in TransferConfig.
-
-    Raises:
-        SpikelaneError: Anything is unknown or not allowed.
-    """
-    cls = transfer_class(controller)
-    groups = parameter_groups(
-        {**cls.defaults, **parameters},
-        {
-            'simulator': {'course': scenario_course(scenario)},
-            **{name: {} for name in cls.parameters_classes},
-        },
-    )
-    check_seed(seed)
-    config = TransferConfig(
-        given=parameters,
-        controller=controller,
-        scenario=scenario,
-        checkpoint=checkpoint,
-        seed=seed,
-        simulator=SimulatorParameters.from_mapping(groups['simulator'], 'simulator'),
-        parameters={
-            name: group.from_mapping(groups[name], name)
-            for name, group in cls.parameters_classes.items()
-        },
-        from_training=from_training,
-    )
-    config.make_transfer()  # checks what goes together
-    return config

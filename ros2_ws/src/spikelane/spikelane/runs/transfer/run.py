@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from spikelane.interruption import check
+from spikelane.runs.configuration import simulator_facts
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.transfer.config import TransferConfig
 from spikelane_controllers.learning.results import FinishedRun
@@ -62,10 +63,7 @@ def report_transfer(config: TransferConfig, done: Transfer, folder: RunFolder) -
         'scenario': config.scenario,
         'seed': config.seed,
         'source': config.checkpoint,
-        'robot': config.simulator.robot.model,
-        'engine': config.simulator.robot.engine,
-        'pixels': config.simulator.pixels.model,
-        'antialias': config.simulator.camera.antialias,
+        **simulator_facts(config.simulator),
         **measured,
         'paper_accuracy': accuracy.value if accuracy else None,
         'folder': str(folder.path),
