@@ -22,6 +22,7 @@ from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.runs.configuration import check_number
 from spikelane.runs.folder import make_folder, RunFolder, RUNS
+from spikelane.runs.output import add_output_arguments
 from spikelane_sim.errors import ParameterError
 
 RETRIES = 2
@@ -32,12 +33,6 @@ _STATES = {RunStatus.FOUND: 'finished', RunStatus.WAITING: 'to do'}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument('file', type=Path, metavar='FILE', help='YAML, as experiments/rstdp.yaml')
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='folder of the experiment, new or to be gone on with (default: runs/<name>)',
-    )
     parser.add_argument(
         '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
     )
@@ -59,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'how often a run is begun again whose process was killed (default: {RETRIES})',
     )
     parser.add_argument('--dry-run', action='store_true', help='list the runs and do none')
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    add_output_arguments(
+        parser, 'folder of the experiment, new or to be gone on with (default: runs/<name>)'
+    )
 
 
 def run(options: argparse.Namespace) -> int:

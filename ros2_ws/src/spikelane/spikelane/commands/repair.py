@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from spikelane.bag.repair import Repair, repair_bag
+from spikelane.runs.output import add_output_arguments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,13 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'bag', type=Path, metavar='BAG', help="a bag's folder, or one .mcap file alone"
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='new folder for the repaired bag, which leaves BAG as it is (default: repair BAG)',
+    add_output_arguments(
+        parser, 'new folder for the repaired bag, which leaves BAG as it is (default: repair BAG)'
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(options: argparse.Namespace) -> int:

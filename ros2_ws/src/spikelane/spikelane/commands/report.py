@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-import sys
+
+from spikelane.runs.output import add_output_arguments, status_line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,14 +19,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='folders of runs, or above them: of laps, evaluations, trainings, transfers, '
         'experiments',
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        default=Path('runs/report'),
-        help='folder of report.html and its figures, written over (default: runs/report)',
+    add_output_arguments(
+        parser,
+        'folder of report.html and its figures, written over (default: runs/report)',
+        Path('runs/report'),
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -40,10 +38,7 @@ def run(options: argparse.Namespace) -> int:
     # Here and not above: the figures take their time.
     from spikelane.report.page import write_report
 
-    def show(what: str) -> None:
-        if not options.json and sys.stderr.isatty():
-            print(f'\r\x1b[K{what}', end='', file=sys.stderr, flush=True)
-
+    show = status_line(options.json)
     result = write_report(options.runs, options.out, show)
     show('\r')
     if options.json:

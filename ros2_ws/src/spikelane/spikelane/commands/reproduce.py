@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-import sys
 from typing import Any
 
 from spikelane.commands.experiment import (
@@ -28,6 +27,7 @@ from spikelane.experiment.plan import make_plan
 from spikelane.runs.arguments import add_robot_arguments, given_robot
 from spikelane.runs.configuration import check_number
 from spikelane.runs.folder import RUNS
+from spikelane.runs.output import add_output_arguments, status_line
 from spikelane_sim.robots import PYBULLET
 
 #: Names of the experiments' files, which lie with the code that runs them.
@@ -52,17 +52,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_robot_arguments(parser)
     parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help=f'folder of the runs and of {REPORT}/, new or to be gone on with '
+        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
+    )
+    add_output_arguments(
+        parser,
+        f'folder of the runs and of {REPORT}/, new or to be gone on with '
         f'(default: runs/{PAPER}; with --quick runs/{QUICK}; with another robot or engine, its '
         f'name after that, as runs/{PAPER}_rigid)',
     )
-    parser.add_argument(
-        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
-    )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -111,10 +108,7 @@ def _report(root: Path, note: str, is_quiet: bool) -> dict[str, Any]:
     # Here and not above: the figures take their time to be imported.
     from spikelane.report.page import write_report
 
-    def show(what: str) -> None:
-        if not is_quiet and sys.stderr.isatty():
-            print(f'\r\x1b[K{what}', end='', file=sys.stderr, flush=True)
-
+    show = status_line(is_quiet)
     result = write_report([root], root / REPORT, show, note)
     show('\r')
     return result

@@ -12,17 +12,15 @@ from typing import Any
 
 from spikelane.executables import find_executable
 from spikelane.interruption import hand_over, Interrupted
-from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.runs.arguments import (
     add_configuration_arguments,
     given_parameters,
     given_weights,
-    progress,
     request_of,
 )
+from spikelane.runs.command import run_folder
 from spikelane.runs.configuration import check_number
-from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive, report_lap
 from spikelane.runs.train.config import TrainConfig
@@ -143,11 +141,9 @@ def _drive(options: argparse.Namespace, server: ViewerServer) -> dict[str, Any]:
     viewer = {'server': server.address}
     if options.train:
         training = TrainConfig.make(request_of(options, given_parameters(options)), options.steps)
-        folder = RunFolder.begin(training, options.out, options.command_line)
-        with progress(options.json) as show, locked(folder.path):
+        with run_folder(options, training) as (folder, show):
             return train_and_report(training, folder, show, resume=False, viewer=viewer)
     asked = request_of(options, given_parameters(options) | given_weights(options))
     lap = LapConfig.make(asked, options.lane)
-    folder = RunFolder.begin(lap, options.out, options.command_line)
-    with progress(options.json) as show:
+    with run_folder(options, lap) as (folder, show):
         return report_lap(lap, drive(lap, folder, show, viewer), folder)

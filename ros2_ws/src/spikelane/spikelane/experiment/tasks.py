@@ -13,8 +13,9 @@ from typing import Any, cast, NamedTuple
 
 from spikelane.runs.configuration import Request, RunConfig
 from spikelane.runs.evaluate.config import EvaluateConfig, EvaluationParameters
-from spikelane.runs.evaluate.run import evaluate, ShowShare
+from spikelane.runs.evaluate.run import evaluate
 from spikelane.runs.folder import RunFolder
+from spikelane.runs.output import ShowShare
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train_and_report
 from spikelane.runs.transfer.config import source_of, TransferConfig

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
-import contextlib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 import re
-import sys
 from typing import Any
 
 from spikelane.runs.configuration import Request, TRANSPORTS
-from spikelane.runs.lap.run import OnLapProgress
+from spikelane.runs.output import add_output_arguments
 from spikelane_controllers.registry import controller_class, controller_names, usual_controller
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
@@ -60,13 +58,9 @@ def add_configuration_arguments(
     add_parameter_arguments(
         parser, example=f'simulator.camera.fov_deg=90, {usual_controller()}.steering.v_max=2.0'
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help=f'folder for the results, new or empty (default: {out}, numbered)',
+    add_output_arguments(
+        parser, f'folder for the results, new or empty (default: {out}, numbered)'
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
@@ -208,26 +202,3 @@ def _value(name: str, text: str) -> Any:
         ) from None
     # YAML 1.1 wants a point and a sign (1.0e-3); JSON and people do not.
     return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
-
-
-@contextlib.contextmanager
-def progress(is_quiet: bool, unit: str = 'm') -> Iterator[OnLapProgress]:
-    """Give what shows progress to people: on one line of a terminal's standard error.
-
-    It is called with steps and how far they have led, in the unit.
-    """
-    if is_quiet or not sys.stderr.isatty():
-        yield lambda step, progress: None
-        return
-    due = 0
-
-    def show(step: int, progress: float) -> None:
-        nonlocal due
-        if step >= due:
-            due = step + _SHOWN_EVERY_STEPS
-            print(f'\r{step:6d} steps, {progress:5.1f} {unit} ', end='', file=sys.stderr)
-
-    try:
-        yield show
-    finally:
-        print(file=sys.stderr)

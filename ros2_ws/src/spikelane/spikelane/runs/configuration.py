@@ -7,6 +7,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from spikelane.runs.folder import RunFolder
 from spikelane.runs.transport import check_transport
 from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.registry import controller_class, make_controller
@@ -53,6 +54,27 @@ class RunConfig:
     """
 
     given: Mapping[str, Any] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def usual_name(self) -> str:
+        """Name of the run's folder in RUNS, where no other is asked for."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Make sure that the run can be begun.
+
+        Raises:
+            SpikelaneError: It cannot.
+        """
+        raise NotImplementedError
+
+    def check_resumable(self, folder: RunFolder) -> None:
+        """Make sure that a folder has this run, so that it can be gone on with.
+
+        Raises:
+            SpikelaneError: It has none, or another one.
+        """
+        folder.check_config(self.to_dict())
 
     def to_dict(self) -> dict[str, Any]:
         """Return a dict of everything that determines the run, ready for YAML.

@@ -32,7 +32,7 @@ import os
 from pathlib import Path
 import platform
 import subprocess
-from typing import Any, Protocol
+from typing import Any, TYPE_CHECKING
 
 from spikelane.runs.input_files import input_digests
 from spikelane_sim.files import FileError, write_json, write_yaml, WriteError
@@ -40,6 +40,9 @@ from spikelane_sim.kinds import check_kind, KindError
 from spikelane_sim.parameters import first_difference
 from spikelane_sim.parsing import ParseError, read_json_file, read_yaml_file
 from spikelane_sim.simulator_parameters import current_config
+
+if TYPE_CHECKING:
+    from spikelane.runs.configuration import RunConfig
 
 #: Distributions whose version can change what a run computes.
 VERSIONED = ('spikelane', 'numpy', 'numba', 'pybullet', 'torch')
@@ -53,32 +56,6 @@ _NOT_DETERMINING = ('given', 'command_line', 'versions')
 
 #: Where runs go that are not told where to.
 RUNS = Path('runs')
-
-
-class Determined(Protocol):
-    """What a run's `config.yaml` is written from."""
-
-    @property
-    def given(self) -> Mapping[str, Any]:
-        """The parameters that the user gave, under dotted names."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all that determines the run, ready for YAML."""
-
-
-class Run(Determined, Protocol):
-    """What leaves a folder."""
-
-    @property
-    def usual_name(self) -> str:
-        """Name of its folder in RUNS, where no other is asked for."""
-
-    def check(self) -> None:
-        """Make sure that it can be begun.
-
-        Raises:
-            SpikelaneError: It cannot.
-        """
 
 
 class RunFolderError(FileError):
@@ -124,7 +101,9 @@ class RunFolder:
         raise AssertionError('numbers do not end')
 
     @classmethod
-    def begin(cls, run: Run, out: Path | None, command_line: Sequence[str] = ()) -> RunFolder:
+    def begin(
+        cls, run: RunConfig, out: Path | None, command_line: Sequence[str] = ()
+    ) -> RunFolder:
         """Make the folder of a run, with its configuration in it.
 
         Args:
@@ -186,7 +165,7 @@ class RunFolder:
         """Folder of the figures; whoever draws the first one makes it."""
         return self.path / 'figures'
 
-    def write_config(self, run: Determined, command_line: Sequence[str] = ()) -> None:
+    def write_config(self, run: RunConfig, command_line: Sequence[str] = ()) -> None:
         """Write `config.yaml`.
 
         It has all values that determine the run, digests of the files that they name, `given`,

@@ -6,20 +6,18 @@ import argparse
 import json
 from typing import Any
 
-from spikelane.lock import locked
 from spikelane.runs.arguments import (
     add_configuration_arguments,
     add_controller_arguments,
     given_parameters,
     given_weights,
-    progress,
     request_of,
 )
+from spikelane.runs.command import run_folder
 from spikelane.runs.configuration import check_number
 from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import draw_some_courses, evaluate
 from spikelane.runs.evaluate.summary import UNITS, units_in_words
-from spikelane.runs.folder import RunFolder, RUNS
 
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
@@ -79,10 +77,8 @@ def run(options: argparse.Namespace) -> int:
         request_of(options, _parameters(options)),
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
-    folder = _folder(config, options)
-    with locked(folder.path):
-        with progress(options.json, '%') as show:
-            metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+    with run_folder(options, config, '%') as (folder, show):
+        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
         result = {**metrics, 'folder': str(folder.path)}
         if 'by_course' in metrics['summary']:
             result['figure'] = str(draw_some_courses(config, folder, metrics))
@@ -102,14 +98,6 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
         f'simulator.pixels.{_NOISE.get(model, _NOISE["coppelia"])}': options.noise_hz,
     }
     return given | {name: value for name, value in flags.items() if value is not None}
-
-
-def _folder(config: EvaluateConfig, options: argparse.Namespace) -> RunFolder:
-    if not options.resume:
-        return RunFolder.begin(config, options.out, options.command_line)
-    folder = RunFolder(options.out or RUNS / config.usual_name)
-    folder.check_config(config.to_dict())
-    return folder
 
 
 def _summary(result: dict[str, Any]) -> str:

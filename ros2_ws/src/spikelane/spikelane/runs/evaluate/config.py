@@ -38,7 +38,7 @@ class EvaluateConfig(Configuration):
 
     @property
     def usual_name(self) -> str:
-        """As in `run_folder.Run`."""
+        """As in RunConfig."""
         return f'evaluate-{course_label(self.scenario)}-{self.controller}-seed{self.seed}'
 
     def laps(self) -> Iterator[LapOfEvaluation]:

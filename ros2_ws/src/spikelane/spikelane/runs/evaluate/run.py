@@ -7,7 +7,7 @@ those of one that never was: nothing in `metrics.json` depends on when or where 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 import shutil
 from typing import Any
@@ -17,8 +17,9 @@ from spikelane.runs.evaluate.metrics import evaluation_metrics
 from spikelane.runs.evaluate.summary import check_lap, SummarisedLap
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.metrics import lap_metrics
-from spikelane.runs.lap.run import drive, OnLapProgress
+from spikelane.runs.lap.run import drive
 from spikelane.runs.lap.trajectory import read_csv, Trajectory, write_csv
+from spikelane.runs.output import OnProgress, ShowShare
 from spikelane_controllers.operations import Operations
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
@@ -30,10 +31,6 @@ class LapRow(SummarisedLap):
 
     steps: int
     operations: Operations | None
-
-
-#: Shows how an evaluation goes on: steps driven, share of it that is done.
-ShowShare = Callable[[int, float], None]
 
 
 def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict[str, Any]:
@@ -109,7 +106,7 @@ def draw_some_courses(
     return figure
 
 
-def _row_of(each: LapOfEvaluation, path: Path, show: OnLapProgress) -> dict[str, Any]:
+def _row_of(each: LapOfEvaluation, path: Path, show: OnProgress) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
     if folder.metrics.exists():

@@ -11,12 +11,12 @@ from spikelane.runs.arguments import (
     add_controller_arguments,
     given_parameters,
     given_weights,
-    progress,
     request_of,
 )
-from spikelane.runs.folder import RunFolder
+from spikelane.runs.command import run_folder
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive, report_lap
+from spikelane.runs.output import in_lines
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,10 +37,8 @@ def run(options: argparse.Namespace) -> int:
     """
     asked = request_of(options, given_parameters(options) | given_weights(options))
     config = LapConfig.make(asked, options.lane)
-    folder = RunFolder.begin(config, options.out, options.command_line)
-    with progress(options.json) as show:
-        driven = drive(config, folder, show)
-    result = report_lap(config, driven, folder)
+    with run_folder(options, config) as (folder, show):
+        result = report_lap(config, drive(config, folder, show), folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0 if result['completed'] else 1
 
@@ -59,4 +57,4 @@ def _summary(result: dict[str, Any]) -> str:
         'bag': result['bag'] or 'none (in-process)',
         'figure': result['figure'],
     }
-    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
+    return in_lines(lines)

@@ -32,7 +32,7 @@ class LapConfig(Configuration):
 
     @property
     def usual_name(self) -> str:
-        """As in `run_folder.Run`."""
+        """As in RunConfig."""
         scenario = course_label(self.scenario)
         return f'lap-{scenario}-{self.controller}-{self.lane}-seed{self.seed}'
 

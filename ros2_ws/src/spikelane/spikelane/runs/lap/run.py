@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.figure import draw_lap
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import Trajectory, TrajectoryRecorder, write_csv
+from spikelane.runs.output import OnProgress
 from spikelane.runs.transport import over_ros
 from spikelane_controllers.operations import Operations, sum_operations
 from spikelane_controllers.shown import shown_by
@@ -29,9 +30,6 @@ from spikelane_sim.filters import FilterParameters
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
-#: Shows how a lap goes on: steps driven, metres along the lane.
-OnLapProgress = Callable[[int, float], None]
-
 
 class DrivenLap(NamedTuple):
     """What came of driving."""
@@ -45,7 +43,7 @@ class DrivenLap(NamedTuple):
 def drive(
     config: LapConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     viewer: Mapping[str, Any] | None = None,
 ) -> DrivenLap:
     """Drive a lap in this process or over ROS, as its configuration says.
@@ -67,7 +65,7 @@ def drive(
     return driven
 
 
-def drive_lap(config: LapConfig, show: OnLapProgress) -> DrivenLap:
+def drive_lap(config: LapConfig, show: OnProgress) -> DrivenLap:
     """Drive a lap in this process.
 
     Args:

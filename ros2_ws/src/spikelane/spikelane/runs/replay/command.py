@@ -9,9 +9,14 @@ import sys
 from typing import Any
 
 from spikelane.bag.drive import RecordedDrive
-from spikelane.runs.arguments import given_weights, parse_parameters, progress
+from spikelane.runs.arguments import (
+    add_parameter_arguments,
+    given_weights,
+    parse_parameters,
+)
+from spikelane.runs.command import run_folder
 from spikelane.runs.configuration import Request
-from spikelane.runs.folder import RunFolder
+from spikelane.runs.output import add_output_arguments, in_lines
 from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import unmeasured
 from spikelane.runs.replay.run import replay, report_replay
@@ -63,21 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='give the controller events alone, as a node with use_lane_state:=false',
     )
-    parser.add_argument(
-        '--param',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='any other parameter: braitenberg.steering.v_max=2.0, sensor.crop_width=480 '
+    add_parameter_arguments(
+        parser,
+        example='braitenberg.steering.v_max=2.0, sensor.crop_width=480 '
         '(default: those of what drove, where the bag has them)',
     )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='folder for the results, new or empty (default: runs/replay-..., numbered)',
+    add_output_arguments(
+        parser, 'folder for the results, new or empty (default: runs/replay-..., numbered)'
     )
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
 
 
 def run(options: argparse.Namespace) -> int:
@@ -120,10 +118,9 @@ def run(options: argparse.Namespace) -> int:
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
     )
-    folder = RunFolder.begin(config, options.out, options.command_line)
-    with progress(options.json) as show:
+    with run_folder(options, config) as (folder, show):
         replayed = replay(config, drive, show)
-    result = report_replay(config, drive, replayed, folder)
+        result = report_replay(config, drive, replayed, folder)
     print(json.dumps(result) if options.json else _summary(result))
     if failure := unmeasured(replayed.answers, replayed.sensor):
         print(f'spikelane replay: {options.bag}: {failure}', file=sys.stderr)
@@ -188,5 +185,5 @@ def _summary(result: dict[str, Any]) -> str:
         f'{result["processing_s"]:.2f} s for {result["duration_s"]:.2f} s of recording'
     )
     lines['figure'] = result['figure'] or 'none'
-    rows = [f'{name:15} {value}' for name, value in lines.items()]
-    return '\n'.join(rows + [f'note            {note}' for note in result['notes']])
+    notes = [in_lines({'note': note}) for note in result['notes']]
+    return '\n'.join([in_lines(lines), *notes])

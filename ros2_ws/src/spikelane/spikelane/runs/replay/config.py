@@ -51,7 +51,7 @@ class ReplayConfig(RunConfig):
 
     @property
     def usual_name(self) -> str:
-        """As in `run_folder.Run`."""
+        """As in RunConfig."""
         return f'replay-{self.controller}-seed{self.seed}'
 
     def check(self) -> None:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
-from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.runs.arguments import (
     add_configuration_arguments,
     given_parameters,
-    progress,
     request_of,
 )
-from spikelane.runs.folder import RunFolder, RUNS
+from spikelane.runs.command import run_folder
+from spikelane.runs.output import in_lines
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train_and_report
 from spikelane_controllers.learning.results import FinishedRun
@@ -24,7 +24,7 @@ from spikelane_controllers.registry import (
     training_names,
     training_results,
 )
-from spikelane_sim.errors import CheckpointChoiceError, ParameterError
+from spikelane_sim.errors import ParameterError
 
 
 def _usual_steps() -> str:
@@ -71,13 +71,11 @@ def run(options: argparse.Namespace) -> int:
     require([training_card(options.controller).requires])
     asked = request_of(options, given_parameters(options) | _device(options))
     config = TrainConfig.make(asked, options.steps)
-    folder = _folder(config, options)
-    with locked(folder.path):
-        with progress(options.json) as show:
-            result = train_and_report(config, folder, show, resume=options.resume)
+    with run_folder(options, config) as (folder, show):
+        result = train_and_report(config, folder, show, resume=options.resume)
         if options.resume:  # perhaps for more steps than before
             folder.write_config(config, options.command_line)
-    print(json.dumps(result) if options.json else _summary(config, folder, result))
+    print(json.dumps(result) if options.json else _summary(config, result))
     return 0
 
 
@@ -94,18 +92,9 @@ def _device(options: argparse.Namespace) -> dict[str, str]:
     return {f'{options.controller}.{parameter}': options.device}
 
 
-def _folder(config: TrainConfig, options: argparse.Namespace) -> RunFolder:
-    if not options.resume:
-        return RunFolder.begin(config, options.out, options.command_line)
-    folder = RunFolder(options.out or RUNS / config.usual_name)
-    if not folder.checkpoint.exists():
-        raise CheckpointChoiceError(f'{folder.checkpoint}: expected a checkpoint, got none')
-    return folder
-
-
-def _summary(config: TrainConfig, folder: RunFolder, result: dict[str, Any]) -> str:
+def _summary(config: TrainConfig, result: dict[str, Any]) -> str:
     """Return the results for people, one line each."""
-    run = FinishedRun(config.controller, folder.path, config.to_dict(), result)
+    run = FinishedRun(config.controller, Path(result['folder']), config.to_dict(), result)
     lines = {
         'steps': f'{result["steps"]}',
         'lane lost': f'{result["lane_losses"]} times, the last at step '
@@ -114,4 +103,4 @@ def _summary(config: TrainConfig, folder: RunFolder, result: dict[str, Any]) -> 
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),
     }
-    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
+    return in_lines(lines)

@@ -7,6 +7,7 @@ import dataclasses
 from typing import Any, cast
 
 from spikelane.runs.configuration import Configuration, configure, configured_controller, Request
+from spikelane.runs.folder import RunFolder
 from spikelane_controllers.learning.learning_controller import (
     check_can_learn,
     check_learning_parameters,
@@ -19,7 +20,7 @@ from spikelane_controllers.registry import (
     training_class,
 )
 from spikelane_sim.course import course_label
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import CheckpointChoiceError, ParameterError
 
 _STEPS = 'training.steps'
 
@@ -53,7 +54,7 @@ class TrainConfig(Configuration):
 
     @property
     def usual_name(self) -> str:
-        """As in `run_folder.Run`."""
+        """As in RunConfig."""
         return f'train-{self.controller}-{course_label(self.scenario)}-seed{self.seed}'
 
     def check(self) -> None:
@@ -64,6 +65,15 @@ class TrainConfig(Configuration):
         """
         super().check()
         learning_controller(self)
+
+    def check_resumable(self, folder: RunFolder) -> None:
+        """Make sure that a folder has a checkpoint; whose it is, the training finds out itself.
+
+        Raises:
+            CheckpointChoiceError: It has none.
+        """
+        if not folder.checkpoint.exists():
+            raise CheckpointChoiceError(f'{folder.checkpoint}: expected a checkpoint, got none')
 
     @classmethod
     def make(cls, asked: Request, steps: int | None = None) -> TrainConfig:

@@ -12,7 +12,7 @@ from typing import Any
 
 from spikelane.interruption import check
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.run import OnLapProgress
+from spikelane.runs.output import OnProgress
 from spikelane.runs.train.config import learning_controller, TrainConfig
 from spikelane.runs.transport import over_ros
 from spikelane_controllers.learning.results import (
@@ -57,7 +57,7 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
 def train_and_report(
     config: TrainConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,
@@ -71,7 +71,7 @@ def train_and_report(
 def train(
     config: TrainConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,

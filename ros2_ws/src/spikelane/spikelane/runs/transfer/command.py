@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-import contextlib
 import json
-import sys
 from typing import Any
 
 from spikelane.requirements import require
 from spikelane.runs.arguments import add_configuration_arguments, given_parameters, request_of
-from spikelane.runs.folder import RunFolder
+from spikelane.runs.command import run_folder
+from spikelane.runs.output import in_lines, status_line
 from spikelane.runs.transfer.config import TransferConfig
 from spikelane.runs.transfer.run import report_transfer, transfer
 from spikelane_controllers.learning.gathering import GatheringParameters
-from spikelane_controllers.learning.transfer import OnStageProgress
 from spikelane_controllers.registry import transfer_card, transfer_names
 
 _SHOWN_TIMES = 200  # of each stage
@@ -70,27 +67,16 @@ def run(options: argparse.Namespace) -> int:
     given = {name: count for name, count in counts.items() if count is not None}
     asked = request_of(options, given | given_parameters(options))
     config = TransferConfig.make(asked, options.checkpoint, options.from_training)
-    folder = RunFolder.begin(config, options.out, options.command_line)
-    with _progress(options.json) as show:
-        done = transfer(config, show)
-    result = report_transfer(config, done, folder)
+    show = status_line(options.json)
+
+    def show_stage(what: str, done: int, of: int) -> None:
+        if done % max(of // _SHOWN_TIMES, 1) == 0 or done == of:
+            show(f'{done:7d} of {of} {what} ' + '\n' * (done == of))
+
+    with run_folder(options, config) as (folder, _):
+        result = report_transfer(config, transfer(config, show_stage), folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0
-
-
-@contextlib.contextmanager
-def _progress(is_quiet: bool) -> Iterator[OnStageProgress]:
-    """Give what shows progress to people: on one line of a terminal's standard error."""
-    if is_quiet or not sys.stderr.isatty():
-        yield lambda what, done, of: None
-        return
-
-    def show(what: str, done: int, of: int) -> None:
-        if done % max(of // _SHOWN_TIMES, 1) == 0 or done == of:
-            end = '\n' if done == of else ''
-            print(f'\r{done:7d} of {of} {what} ', end=end, file=sys.stderr)
-
-    yield show
 
 
 def _summary(result: dict[str, Any]) -> str:
@@ -107,4 +93,4 @@ def _summary(result: dict[str, Any]) -> str:
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),
     }
-    return '\n'.join(f'{name:15} {value}' for name, value in lines.items())
+    return in_lines(lines)

@@ -44,7 +44,7 @@ class TransferConfig(RunConfig):
 
     @property
     def usual_name(self) -> str:
-        """As in `run_folder.Run`."""
+        """As in RunConfig."""
         return f'transfer-{course_label(self.scenario)}-seed{self.seed}'
 
     def check(self) -> None:

@@ -14,9 +14,10 @@ from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
 from spikelane.processes import ProcessError
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
-from spikelane.runs.lap.run import DrivenLap, OnLapProgress
+from spikelane.runs.lap.run import DrivenLap
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane.runs.lap.trajectory_bag import read_trajectory
+from spikelane.runs.output import OnProgress
 from spikelane_controllers.registry import card, controller_class
 from spikelane_sim import topic_names
 from spikelane_sim.contract import sensors_of
@@ -57,7 +58,7 @@ def recorded_topics(controller: str) -> tuple[str, ...]:
 def drive_lap_over_ros(
     config: LapConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     viewer: Mapping[str, Any] | None = None,
 ) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
@@ -95,7 +96,7 @@ def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
 def _drive(
     config: LapConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     *,
     is_recorded: bool,
     viewer: Mapping[str, Any] | None = None,
@@ -151,7 +152,7 @@ def node_parameters(
 
 
 def _drive_episode(
-    config: LapConfig, seed: int, supervisor: Supervisor, show: OnLapProgress
+    config: LapConfig, seed: int, supervisor: Supervisor, show: OnProgress
 ) -> float:
     """Drive one episode; return its wall time [s]."""
     supervisor.wait_for('the simulator', supervisor.reset.service_is_ready)

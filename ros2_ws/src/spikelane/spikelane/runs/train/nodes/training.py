@@ -8,7 +8,7 @@ from typing import Any
 from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
 from spikelane.processes import ProcessError
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.lap.run import OnLapProgress
+from spikelane.runs.output import OnProgress
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import make_training
 from spikelane_controllers.learning.training import Training
@@ -20,7 +20,7 @@ _END_S = 10.0  # for a node to end by itself, once it has nothing more to do
 def train_over_ros(
     config: TrainConfig,
     folder: RunFolder,
-    show: OnLapProgress,
+    show: OnProgress,
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,
