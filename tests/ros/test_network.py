@@ -54,7 +54,7 @@ def addresses_of_a_lap(folder: Path) -> dict[str, set[str]]:
     run = RunFolder(folder)
     parameters = node_parameters(config, run, is_recorded=True)
     parameters['simulator']['autostart'] = True
-    with running_nodes(NODES, parameters, run) as (processes, supervisor):
+    with running_nodes(parameters, run) as (processes, supervisor):
         supervisor.wait_for('a step', lambda: int(supervisor.values.get('steps', 0)) > 0)
         children = processes._children.items()
         return {name: bound_addresses(child.pid) for name, child in children}

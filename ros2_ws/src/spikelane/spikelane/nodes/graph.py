@@ -34,32 +34,32 @@ _END_DEADLINE_S = 20.0
 
 @contextlib.contextmanager
 def running_nodes(
-    nodes: Sequence[str], parameters: Mapping[str, Any], folder: RunFolder
+    parameters: Mapping[str, Mapping[str, Any]],
+    folder: RunFolder,
+    viewer: Mapping[str, Any] | None = None,
 ) -> Iterator[tuple[Processes, Supervisor]]:
     """Run nodes in a domain of their own; leaving the block ends them.
 
     Args:
-        nodes: Their executables.
-        parameters: By node; kept in the folder.
+        parameters: By node, in the order in which they are started; kept in the folder.
         folder: Folder of the run; logs go there too.
+        viewer: Parameters of a viewer that is to watch; None: there is none.
 
     Raises:
         SpikelaneError: A node is not installed or cannot be started.
     """
+    if viewer is not None:  # nobody waits for it
+        watched = {'course': parameters['simulator']['course'], **viewer}
+        parameters = {**parameters, 'viewer': watched}
     file = folder.path / 'parameters.yaml'
     write_yaml(file, {name: {'ros__parameters': values} for name, values in parameters.items()})
     with own_domain() as domain, Processes(kept_open=(domain.reservation,)) as processes:
-        for node in nodes:
+        for node in parameters:
             command = [str(find_executable(node)), '--ros-args', '--params-file', str(file)]
             log = folder.path / 'logs' / f'{node}.log'
             processes.start(node, command, log, os.environ | domain.environment)
         with Supervisor(domain.number, processes) as supervisor:
             yield processes, supervisor
-
-
-def add_viewer(parameters: dict[str, dict[str, Any]], viewer: Mapping[str, Any]) -> None:
-    """Add a viewer, for which nobody waits, to the parameters of nodes."""
-    parameters['viewer'] = {'course': parameters['simulator']['course'], **viewer}
 
 
 class Supervisor:

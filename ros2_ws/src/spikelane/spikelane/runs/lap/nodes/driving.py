@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from spikelane_msgs.srv import Reset
 
-from spikelane.nodes.graph import add_viewer, running_nodes, Supervisor
+from spikelane.nodes.graph import running_nodes, Supervisor
 from spikelane.processes import ProcessError
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
@@ -101,19 +101,15 @@ def _drive(
     is_recorded: bool,
     viewer: Mapping[str, Any] | None = None,
 ) -> float:
-    nodes = ('recorder',) * is_recorded + ('simulator', config.controller)
     parameters = node_parameters(config, folder, is_recorded=is_recorded)
-    if viewer is not None:
-        nodes += ('viewer',)
-        add_viewer(parameters, viewer)
-    with running_nodes(nodes, parameters, folder) as (processes, supervisor):
+    with running_nodes(parameters, folder, viewer) as (processes, supervisor):
         wall_time_s = _drive_episode(config, config.seed, supervisor, show)
         if not is_recorded:
             wall_time_s = _drive_episode(config, _NEXT_EPISODE, supervisor, show)
         processes.check()  # what has ended before it was told to may have cut something short
         # The recorder goes last: what the others sent is on its way to it.
         processes.stop('simulator', config.controller)
-        processes.stop(*nodes)
+        processes.stop(*processes.statuses())
         processes.check_endings()
     return wall_time_s
 
@@ -127,27 +123,22 @@ def node_parameters(
     """
     simulator, controller = meeting_parameters(config.controller, is_recorded=is_recorded)
     seed = {'seed': config.seed}
+    own, filters = config.controller_parameters.to_dict(), config.filter.chosen()
+    recorder = {
+        'output': str(folder.bag.absolute()),
+        'topics': list(recorded_topics(config.controller)),
+        'custom_data': [
+            f'seed={config.seed}',
+            f'controller={config.controller}',
+            f'scenario={config.scenario}',
+            f'parameters={json.dumps(own)}',
+            *([f'filter={json.dumps(filters)}'] if filters else []),
+        ],
+    }
     return {
+        **({'recorder': recorder} if is_recorded else {}),
         'simulator': config.simulator.to_dict() | seed | simulator | {'autostart': False},
-        config.controller: config.controller_parameters.to_dict()
-        | config.filter.node_parameters()
-        | seed
-        | controller,
-        'recorder': {
-            'output': str(folder.bag.absolute()),
-            'topics': list(recorded_topics(config.controller)),
-            'custom_data': [
-                f'seed={config.seed}',
-                f'controller={config.controller}',
-                f'scenario={config.scenario}',
-                f'parameters={json.dumps(config.controller_parameters.to_dict())}',
-                *(
-                    [f'filter={json.dumps(filters)}']
-                    if (filters := config.filter.chosen())
-                    else []
-                ),
-            ],
-        },
+        config.controller: own | config.filter.node_parameters() | seed | controller,
     }
 
 

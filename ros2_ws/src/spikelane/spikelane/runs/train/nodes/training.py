@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spikelane.nodes.graph import add_viewer, running_nodes, START_DEADLINE_S
+from spikelane.nodes.graph import running_nodes, START_DEADLINE_S
 from spikelane.processes import ProcessError
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.output import OnProgress
@@ -45,12 +45,7 @@ def train_over_ros(
     begun = make_training(config, folder, resume=resume)
     if begun.is_done:
         return begun
-    nodes: tuple[str, ...] = ('simulator', config.controller)
-    parameters = node_parameters(config, folder)
-    if viewer is not None:
-        nodes += ('viewer',)
-        add_viewer(parameters, viewer)
-    with running_nodes(nodes, parameters, folder) as (processes, supervisor):
+    with running_nodes(node_parameters(config, folder), folder, viewer) as (processes, supervisor):
 
         def show_progress() -> None:
             values = supervisor.values
