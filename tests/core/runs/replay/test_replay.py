@@ -47,11 +47,10 @@ def replayed(
 ) -> dict[str, Any]:
     """Replay a bag; return what is measured."""
     drive = RecordedDrive(bag, options.pop('events_topic', None))
-    parameters = options.pop('parameters', {})
-    result = replay(
-        ReplayConfig.make(Request('1', controller, seed, parameters=parameters), bag, **options),
-        drive,
+    asked = Request(
+        options.pop('scenario', '1'), controller, seed, parameters=options.pop('parameters', {})
     )
+    result = replay(ReplayConfig.make(asked, bag, **options), drive)
     return summarise(drive, result.answers, result.sensor)
 
 
@@ -546,11 +545,8 @@ def test_nothing_is_measured_of_nothing() -> None:
 )
 def test_wrong_parameters_are_refused(arguments: dict[str, Any], message: str) -> None:
     """Before anything is replayed."""
-    parameters = arguments.pop('parameters', {})
     with pytest.raises(ParameterError, match=message):
-        ReplayConfig.make(
-            Request('1', 'braitenberg', parameters=parameters), Path('bag'), **arguments
-        )
+        ReplayConfig.make(Request('1', 'braitenberg', **arguments), Path('bag'))
 
 
 # --- the command ----------------------------------------------------------------------------
