@@ -473,6 +473,15 @@ def test_a_controller_that_passes_ends_the_command_with_0(
     }
 
 
+def test_the_trainings_parameters_can_be_given(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They are a group like any other where a controller is trained."""
+    install(mine=f'{__name__}:Learner')
+    assert run(['check', 'mine', '--param', 'training.save_every=20']) == 0
+    assert capsys.readouterr().out == 'mine: no violation of the contract\n'
+
+
 def test_a_violation_ends_the_command_with_1(
     install: Install, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -497,6 +506,9 @@ def test_a_violation_ends_the_command_with_1(
         (['nobody'], 'argument controller: invalid choice: '),
         (['braitenberg', '--param', 'braitenberg.nothing=1'], "unknown parameter 'nothing'"),
         (['braitenberg', '--param', 'braitenberg.steering.v_max=-1'], 'v_max: expected'),
+        (['braitenberg', '--param', 'training.save_every=9'], 'expected braitenberg.<name>'),
+        (['rstdp', '--param', 'training.save=9'], "unknown parameter 'save'"),
+        (['rstdp', '--param', 'training.steps=9'], 'training.steps: expected none'),
     ],
 )
 def test_wrong_use_ends_the_command_with_2(

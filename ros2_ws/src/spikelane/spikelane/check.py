@@ -17,7 +17,8 @@ from spikelane.runs.train.run import train as train_in
 from spikelane.runs.transport import check_transport
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_controllers.controller_check import check_controller, Violations
-from spikelane_controllers.registry import controller_class, training_names
+from spikelane_controllers.registry import controller_class, training_class, training_names
+from spikelane_sim.errors import ParameterError
 
 #: Steps of the laps and, as its class counts them, of the trainings.
 STEPS = 60
@@ -35,7 +36,8 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
     Args:
         name: Name of the controller, in the registry.
         transport: 'inprocess', or 'ros' for both.
-        parameters: Its parameters as `name.parameter`; what is absent is default.
+        parameters: Its parameters as `name.parameter`, and those of its training as
+            `training.save_every`; what is absent is default.
 
     Returns:
         All violations, one sentence each.
@@ -46,14 +48,21 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
     """
     check_transport(transport, name)
     given = {**default_weights('1', name), **parameters}
-    own = group_values(given, [name]).get(name, {})
-    found = check_controller(name, controller_class(name), own)
+    learns = name in training_names()
+    groups = group_values(given, [name, 'training'] if learns else [name])
+    own_training = groups.get('training', {})
+    if 'steps' in own_training:
+        raise ParameterError('training.steps: expected none, as the check has lengths of its own')
+    if learns:  # before anything is driven
+        training_class(name).parameters_class.from_mapping(own_training, 'training')
+    driving = {key: value for key, value in parameters.items() if key.startswith(f'{name}.')}
+    found = check_controller(name, controller_class(name), groups.get(name, {}))
     violations = Violations(name)
     with tempfile.TemporaryDirectory(prefix='spikelane-check-') as folder:
         if transport == 'ros':
             with violations.guard('lap over ROS'):
-                _check_lap(violations, name, parameters, Path(folder))
-        if name in training_names():
+                _check_lap(violations, name, driving, Path(folder))
+        if learns:
             with violations.guard('training'):
                 _check_training(violations, name, transport, parameters, Path(folder))
     return found + violations.found
