@@ -20,7 +20,7 @@ from spikelane.runs.output import add_output_arguments, in_lines
 from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import unmeasured
 from spikelane.runs.replay.run import replay, report_replay
-from spikelane_controllers.registry import controller_class, controller_names
+from spikelane_controllers.registry import controller_class, controller_names, usual_controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import flatten, Parameters
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_parameter_arguments(
         parser,
-        example='braitenberg.steering.v_max=2.0, sensor.crop_width=480 '
+        example=f'{usual_controller()}.steering.v_max=2.0, sensor.crop_width=480 '
         '(default: those of what drove, where the bag has them)',
     )
     add_output_arguments(
