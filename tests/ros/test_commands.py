@@ -54,7 +54,8 @@ class Watched:
     @property
     def warnings(self) -> list[str]:
         """The lines of the log that name several publishers."""
-        return [line for line in self.process.log.splitlines() if 'expected one publisher' in line]
+        named = 'commands: expected one publisher'
+        return [line for line in self.process.log.splitlines() if named in line]
 
 
 def test_two_controllers_in_lockstep_are_named(graph) -> None:

@@ -111,6 +111,33 @@ def test_a_signal_to_all_amid_a_lap_leaves_no_status_0(graph: Any, tmp_path: Pat
     )
 
 
+@pytest.mark.parametrize(
+    ('intruder', 'topics'),
+    [('simulator', ('lane/state', 'event_camera/events')), ('braitenberg', ('wheel_velocities',))],
+)
+def test_a_second_publisher_ends_a_lap_and_is_named_by_all(
+    graph: Any, tmp_path: Path, intruder: str, topics: tuple[str, ...]
+) -> None:
+    """With its node and its topic, and status 1."""
+    space = f'/second_{intruder}'
+    drive = Drive(graph, space, tmp_path / 'bag', 10**6)
+    for name in ('recorder', 'simulator', 'braitenberg'):
+        drive.start(name)
+    graph.until(
+        lambda: sum(file.stat().st_size for file in tmp_path.glob('bag/*.mcap')) > 10_000,
+        'a recording',
+    )
+    other = graph.start(intruder, {}, '-r', f'__ns:={space}', '-r', '__node:=intruder')
+    both = ', '.join(sorted([f'{space}/intruder', f'{space}/{intruder}']))
+    expected = [f'{space}/{topic}: expected one publisher, got 2: {both}' for topic in topics]
+    assert drive.nodes['simulator'].wait() == 1
+    assert drive.nodes['braitenberg'].wait() == 1
+    assert drive.nodes['recorder'].stop() == 1
+    for node in drive.nodes.values():
+        assert all(text in node.log for text in expected), node.log
+    other.stop()
+
+
 @pytest.fixture
 def said(graph: Any) -> Iterator[Publisher]:
     """Give what tells the recorder what was published."""
@@ -179,3 +206,13 @@ def test_a_recording_of_a_drive_that_was_cut_short_does_not_end_with_0(
     graph.until(lambda: 'recording' in recorder.log, 'the recording')
     assert recorder.stop() == 130
     assert 'ended by SIGINT before the work of /drive/simulator was done' in recorder.log
+
+
+def test_a_node_that_waits_for_nobody_names_a_second_publisher_and_goes_on(graph: Any) -> None:
+    """Once, and not again while it is the same."""
+    simulator = graph.start('simulator', {'robot.engine': 'kinematic'}, '-r', '__ns:=/free')
+    for name in ('one', 'two'):
+        graph.start('braitenberg', {}, '-r', '__ns:=/free', '-r', f'__node:={name}')
+    expected = '/free/wheel_velocities: expected one publisher, got 2: /free/one, /free/two'
+    graph.until(lambda: expected in simulator.log, 'the warning')
+    assert simulator.status is None

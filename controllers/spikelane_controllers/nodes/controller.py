@@ -38,6 +38,7 @@ from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.meeting import Meeting
 from spikelane_sim.nodes.pairing import StampGroups
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
@@ -111,6 +112,9 @@ class ControllerNode(Node):
             on_open=self._on_open,
         )
         self._begin_to_look()
+        fail = self._fail if self._settings.wait_for else None
+        topics = SOLE_TOPICS if is_lockstep else (topic_names.EVENTS, topic_names.WHEELS)
+        SolePublishers(self, topics, fail).look_regularly()
         self._start()
 
     def halt(self, number: int) -> None:
@@ -134,7 +138,16 @@ class ControllerNode(Node):
     def _cut_short(self, number: int, where: str) -> None:
         """Say where a signal ends the node before its work is done."""
         self.get_logger().warning(f'ended by {signal.Signals(number).name} {where}')
-        self.exit_status = 128 + number
+        self.exit_status = self.exit_status or 128 + number
+
+    def _fail(self, reason: str) -> None:
+        """End with status 1: the drive is nobody's."""
+        with self._lock:
+            self._is_halted = True
+        self.get_logger().fatal(reason)
+        self.exit_status = 1
+        self._meeting.end(is_cut_short=True)
+        self.is_done = True
 
     def _make_driver(self, name: str) -> Controller:
         """Declare the controller's parameters and make it."""

@@ -18,6 +18,7 @@ from spikelane_sim.nodes.meeting import Meeting, MeetingParameters
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
+from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.parameters import parameter
 from spikelane_sim.run_state import Publish
@@ -130,6 +131,8 @@ class SimulatorNode(Node):
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
         self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
         self._steps_at_warning = 0
+        fail = self._fail if settings.wait_for else None
+        SolePublishers(self, SOLE_TOPICS, fail).look_regularly()
         if settings.end_after_episodes:
             self.create_timer(ENDING_CHECK_PERIOD_S, self._end_if_over, clock=steady)
         self.get_logger().info(
@@ -154,7 +157,7 @@ class SimulatorNode(Node):
             if lane is not None:
                 when = f'in episode {lane.episode}, after {lane.step} steps'
             self.get_logger().warning(f'ended by {signal.Signals(number).name} {when}')
-            self.exit_status = 128 + number
+            self.exit_status = self.exit_status or 128 + number
         self._meeting.end(is_cut_short=self.exit_status != 0)
         self._diagnostics.publish()
 
@@ -190,6 +193,14 @@ class SimulatorNode(Node):
             self._stepper.quit()
             self._meeting.end(is_cut_short=False)
             self.is_done = True
+
+    def _fail(self, reason: str) -> None:
+        """End with status 1: the drive is nobody's."""
+        self._stepper.quit()
+        self.get_logger().fatal(reason)
+        self.exit_status = 1
+        self._meeting.end(is_cut_short=True)
+        self.is_done = True
 
     def _warn_if_waiting(self) -> None:
         if self._stepper.steps != self._steps_at_warning:

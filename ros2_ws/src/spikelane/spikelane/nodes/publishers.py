@@ -47,6 +47,11 @@ class Publishers:
         return any(each.state == Published.PUBLISHING for each in self._said.values())
 
     @property
+    def names(self) -> list[str]:
+        """Full names of the nodes that have said anything."""
+        return list(self._said)
+
+    @property
     def cut_short(self) -> list[str]:
         """Full names of the nodes that have not said that their work is done."""
         return [name for name, each in self._said.items() if each.state != Published.COMPLETE]

@@ -49,6 +49,7 @@ from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take_raw
 from spikelane_sim.nodes.ros_parameters import declare_parameters
+from spikelane_sim.nodes.sole_publishers import is_sole, SOLE_TOPICS, SolePublishers
 
 _TAKE_PERIOD_S = 0.05
 _DISCOVERY_PERIOD_S = 0.05
@@ -98,6 +99,9 @@ class Recorder(Node):
         self._subscriptions_taken: list[tuple[int, Subscription]] = []  # with the topic's id
         # Topic name: topic id, 0 for one that cannot be recorded.
         self._recorded: dict[str, int] = {}
+        sole = [name for name in self._listed if is_sole(name)]
+        self._sole = SolePublishers(self, sole or SOLE_TOPICS)
+        self._is_mixed = False
         self._profiles: dict[str, Any] = {}
         self._subscribed: dict[str, Subscription] = {}
         self._warned: set[tuple[str, str]] = set()
@@ -188,7 +192,8 @@ class Recorder(Node):
             self.get_logger().info(f'recording {count} topics; new: {", ".join(sorted(new))}')
 
     def check_publishers(self) -> None:
-        """Warn of publishers whose offer does not meet a subscription made before they came."""
+        """Warn of publishers that are too many, or that a subscription does not suit."""
+        self._is_mixed |= self._sole.look()
         for name, topic_id in self._recorded.items():
             if topic_id == NOT_RECORDED:
                 continue
@@ -202,7 +207,8 @@ class Recorder(Node):
         """Write what has arrived, close the bag and say what is in it.
 
         Returns:
-            Whether all is in it that was sent reliably.
+            Whether all is in it that was sent reliably, and by one publisher where there must be
+            only one.
 
         Raises:
             BagError: The disk is full; the bag is closed.
@@ -222,7 +228,9 @@ class Recorder(Node):
         if missing:
             self.get_logger().warning(f'never published: {", ".join(missing)}')
         self._remove_if_empty()
-        return self._report_lost()
+        # Whoever just listens may record several graphs; a drive with two of them is nobody's.
+        is_foul = self._is_mixed and bool(self._sources.names)
+        return self._report_lost() and not is_foul
 
     def _remove_if_empty(self) -> None:
         needed = self._resolve(self._settings.needed)

@@ -35,6 +35,7 @@ from spikelane_sim.nodes.direct import SubscriptionEvents
 from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.sole_publishers import SolePublishers
 from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -96,6 +97,7 @@ class Viewer(Node):
             self._subscribe(ControllerState, topic_names.CONTROLLER_STATE, self._show_controller),
             self._subscribe(Weights, topic_names.WEIGHTS, self._show_weights, WEIGHTS),
         ]
+        SolePublishers(self, (topic_names.LANE_STATE, topic_names.EVENTS)).look_regularly()
         self._shown = 0
         self._waiting = WaitingWarnings(self, lambda: self._shown, self._lacks)
         # Steady time: that of the simulator may stand still.

@@ -32,6 +32,7 @@ from spikelane_sim.filters import FilterParameters
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
@@ -107,6 +108,7 @@ class ReplayNode(Node):
         self._events = self.create_publisher(EventPacket, topic_names.EVENTS, _KEPT)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._looking = self.create_timer(_LOOK_PERIOD_S, self._begin, clock=self._steady)
+        SolePublishers(self, SOLE_TOPICS, self._fail).look_regularly()
         self._waiting = WaitingWarnings(self, self._progress, self._lacks)
         self._start_s = self._end_s = 0.0
         self._start_ns = 0
@@ -127,6 +129,13 @@ class ReplayNode(Node):
                 'is no result'
             )
             self.exit_status = 128 + number
+
+    def _fail(self, reason: str) -> None:
+        """End without a result: the answers are not to this replay alone."""
+        self.get_logger().fatal(reason)
+        self._is_halted = self._is_finished = True
+        self.exit_status = 1
+        self.context.try_shutdown()
 
     def _begin(self) -> None:
         """Begin once the controller is there."""
