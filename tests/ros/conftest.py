@@ -148,7 +148,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     """Show with a failure what the nodes of its graph said; their logs are gone afterwards."""
     report = yield
     nodes = getattr(item, 'funcargs', {}).get('graph')
-    if report.failed and nodes is not None:
+    if report.failed and hasattr(nodes, 'logs'):
         report.sections.append(('the nodes, their exit status, and what they said', nodes.logs))
     return report
 
