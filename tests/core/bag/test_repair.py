@@ -308,7 +308,7 @@ def test_the_command_says_how_many_messages_were_saved(
     """And, the second time, that there is nothing to repair; replay names the command."""
     bag = killed_bag(tmp_path / 'bag')
     assert run(['repair', str(bag)]) == 0
-    saved = f'{bag}: 400 messages saved; written anew: bag_0.mcap, metadata.yaml\n'
+    saved = f'{bag}: 400 messages saved; rewritten files: bag_0.mcap, metadata.yaml\n'
     assert capsys.readouterr().out.startswith(saved)
     assert run(['repair', str(bag)]) == 0
     assert capsys.readouterr().out == f'{bag}: nothing to repair, 400 messages\n'

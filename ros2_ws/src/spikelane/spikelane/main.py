@@ -19,14 +19,14 @@ COMMANDS = {
     'lap': 'drive one lap, measure and draw it',
     'train': 'let a controller learn by driving',
     'transfer': 'teach a spiking network the policy of a trained Q-network',
-    'export': 'write a spiking network in a format that others read',
-    'replay': 'let a controller answer a recorded drive, and compare',
+    'export': 'write a spiking network in a format that other programs read',
+    'replay': 'replay a recorded drive to a controller, and compare',
     'repair': 'repair a bag whose recorder was killed',
     'mask': "find a camera's hot pixels in a recording",
     'evaluate': 'measure a controller over laps and seeds',
-    'experiment': 'do all runs that a file describes',
-    'reproduce': 'do everything the paper reports, and report on it',
-    'report': 'write one page on many runs, against the paper',
+    'experiment': 'execute all runs that a file describes',
+    'reproduce': 'repeat all experiments of the paper and write a report',
+    'report': 'write one page that compares many runs with the paper',
     'compare': 'compare the runs of two settings, with intervals and p-values',
     'course': 'check a course, describe it and draw it',
     'check': 'test a controller against the whole contract',
@@ -90,7 +90,7 @@ def _fail(arguments: Sequence[str], why: str, status: int) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says in one line what was wrong; the usage is for those who ask for help."""
+    """Says in one line what was wrong; the usage is shown only with --help."""
 
     def error(self, message: str) -> NoReturn:
         # Here and not above: signals must be noted before anything is imported that takes long.

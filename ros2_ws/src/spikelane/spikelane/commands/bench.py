@@ -17,7 +17,10 @@ _PACKAGE = 'spikelane_benches'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument(
-        'names', nargs='*', metavar='NAME', help='which ones, as they are printed (default: all)'
+        'names',
+        nargs='*',
+        metavar='NAME',
+        help='benchmarks to run, by their printed names (default: all)',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 

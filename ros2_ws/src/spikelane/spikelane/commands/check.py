@@ -13,7 +13,7 @@ from spikelane_controllers.registry import controller_names, usual_controller
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('controller', choices=controller_names(), help='what is tested')
+    parser.add_argument('controller', choices=controller_names(), help='controller to test')
     parser.add_argument(
         '--transport',
         default='inprocess',

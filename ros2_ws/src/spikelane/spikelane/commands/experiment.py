@@ -1,4 +1,4 @@
-"""`spikelane experiment`: all runs that a file describes, done in parallel and gone on with."""
+"""`spikelane experiment`: run or resume all runs that a file describes, in parallel."""
 
 from __future__ import annotations
 
@@ -32,30 +32,34 @@ _STATES = {RunStatus.FOUND: 'finished', RunStatus.WAITING: 'to do'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('file', type=Path, metavar='FILE', help='YAML, as experiments/rstdp.yaml')
     parser.add_argument(
-        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
+        'file', type=Path, metavar='FILE', help='YAML file, such as experiments/rstdp.yaml'
+    )
+    parser.add_argument(
+        '--jobs', type=int, help='number of parallel runs (default: the number of processors)'
     )
     parser.add_argument(
         '--engine',
         choices=('local', 'ray'),
         default='local',
-        help='what does the runs: processes here, or a Ray cluster (default: local)',
+        help='run in processes on this machine, or on a Ray cluster (default: local)',
     )
     parser.add_argument(
         '--address',
-        help='of the Ray cluster, which sees the folder under the same path; where it wants a '
-        'token, that is in RAY_AUTH_TOKEN (default: one of its own, on this machine)',
+        help='address of the Ray cluster, whose machines must see the folder under the same path; '
+        'if it needs a token, set RAY_AUTH_TOKEN (default: start a cluster on this machine)',
     )
     parser.add_argument(
         '--retries',
         type=int,
         default=RETRIES,
-        help=f'how often a run is begun again whose process was killed (default: {RETRIES})',
+        help=f'how often a run is restarted after its process was killed (default: {RETRIES})',
     )
-    parser.add_argument('--dry-run', action='store_true', help='list the runs and do none')
+    parser.add_argument(
+        '--dry-run', action='store_true', help='list the runs without executing them'
+    )
     add_output_arguments(
-        parser, 'folder of the experiment, new or to be gone on with (default: runs/<name>)'
+        parser, 'folder of the experiment, new or to be resumed (default: runs/<name>)'
     )
 
 
@@ -102,10 +106,10 @@ def do_plan(
 
     Args:
         plan: The runs.
-        root: The folder, new or to be gone on with.
+        root: The folder, new or to be resumed.
         make_engine: Makes what does them.
         retries: How often a run is begun again whose process was killed.
-        is_quiet: Whether people are told nothing.
+        is_quiet: Whether nothing is printed for people.
 
     Returns:
         The results (`experiment_results`), which are in the folder too, however it ends.

@@ -21,16 +21,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'checkpoint',
         metavar='DIR',
-        help='folder that a transfer left, a checkpoint in it, or the name of shipped weights',
+        help='output folder of a transfer, a checkpoint in it, or the name of shipped weights',
     )
     names = exported_names()
     parser.add_argument(
         '--controller',
         choices=names,
         default=names[0],
-        help=f'whose network it is (default: {names[0]})',
+        help=f'controller that the network belongs to (default: {names[0]})',
     )
-    parser.add_argument('out', type=Path, metavar='FILE', help='to write, such as lane.nir')
+    parser.add_argument('out', type=Path, metavar='FILE', help='file to write, such as lane.nir')
     add_parameter_arguments(parser, example=f'{names[0]}.neurons.threshold_mv=1.0')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
 

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'bag', type=Path, metavar='BAG', help="a bag's folder, or one of its .mcap or .db3 files"
     )
-    parser.add_argument('out', type=Path, metavar='FILE', help='to write, such as hot.json')
+    parser.add_argument('out', type=Path, metavar='FILE', help='file to write, such as hot.json')
     parser.add_argument(
         '--events',
         metavar='TOPIC',

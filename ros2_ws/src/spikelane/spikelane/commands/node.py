@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'arguments',
         nargs=argparse.REMAINDER,
         metavar='...',
-        help='for the node: --ros-args -p NAME:=VALUE, --params-file FILE, -r FROM:=TO',
+        help='arguments for the node: --ros-args -p NAME:=VALUE, --params-file FILE, -r FROM:=TO',
     )
 
 

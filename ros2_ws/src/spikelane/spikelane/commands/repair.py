@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Repair an MCAP bag that other programs refuse because its recorder was killed or a file '
         'is damaged: all messages that can be read are kept, with their times, types, QoS and '
-        'custom data, and metadata.yaml is written anew. Files that are sound stay as they are, '
+        'custom data, and metadata.yaml is rewritten. Files without damage stay as they are, '
         'and each other file is replaced only when the new one has been read whole.'
     )
     parser.add_argument(
@@ -49,5 +49,5 @@ def _summary(repair: Repair) -> str:
         lines = [f'{repair.path}: nothing to repair, {repair.message_count} messages']
     else:
         names = ', '.join(repair.written)
-        lines = [f'{repair.path}: {repair.message_count} messages saved; written anew: {names}']
+        lines = [f'{repair.path}: {repair.message_count} messages saved; rewritten files: {names}']
     return '\n'.join(lines + [f'note: {note}' for note in repair.notes])

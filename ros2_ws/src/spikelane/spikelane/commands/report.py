@@ -16,12 +16,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         type=Path,
         metavar='RUNS',
-        help='folders of runs, or above them: of laps, evaluations, trainings, transfers, '
+        help='folders that contain runs at any depth: laps, evaluations, trainings, transfers, '
         'experiments',
     )
     add_output_arguments(
         parser,
-        'folder of report.html and its figures, written over (default: runs/report)',
+        'folder of report.html and its figures, which are overwritten (default: runs/report)',
         Path('runs/report'),
     )
 

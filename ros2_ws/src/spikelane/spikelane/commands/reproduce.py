@@ -42,23 +42,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--seeds',
         type=int,
-        help='seeds of each training and evaluation, from 0 (default: 3; with --quick 1)',
+        help='number of seeds of each training and evaluation, starting at seed 0 '
+        '(default: 3; with --quick 1)',
     )
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='a look in minutes: engine kinematic, one seed, shorter deep Q-learning; '
-        'no reproduction',
+        help='quick preview, which takes minutes: engine kinematic, one seed, shorter deep '
+        'Q-learning; it is not a reproduction',
     )
     add_robot_arguments(parser)
     parser.add_argument(
-        '--jobs', type=int, help='runs at a time (default: as many as there are processors)'
+        '--jobs', type=int, help='number of parallel runs (default: the number of processors)'
     )
     add_output_arguments(
         parser,
-        f'folder of the runs and of {REPORT}/, new or to be gone on with '
-        f'(default: runs/{PAPER}; with --quick runs/{QUICK}; with another robot or engine, its '
-        f'name after that, as runs/{PAPER}_rigid)',
+        f'folder of the runs and of {REPORT}/, new or to be resumed '
+        f'(default: runs/{PAPER}; with --quick runs/{QUICK}; the name of another robot or engine '
+        f'is appended, for example runs/{PAPER}_rigid)',
     )
 
 

@@ -40,10 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--controller',
         choices=controller_names(),
-        help='drive a lap with it, recorded as by `spikelane lap` (default: drive nothing)',
+        help='drive a lap with this controller, recorded as by `spikelane lap` '
+        '(default: drive nothing)',
     )
     parser.add_argument(
-        '--checkpoint', metavar='DIR', help='of a controller that learns: as for `spikelane lap`'
+        '--checkpoint',
+        metavar='DIR',
+        help='weights of a controller that learns, as for `spikelane lap`',
     )
     parser.add_argument('--lane', help="outer or inner (default: the course's first, outer)")
     parser.add_argument(
@@ -52,21 +55,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps',
         type=int,
-        help='to learn for, as of `spikelane train` (default: the usual)',
+        help='training steps, as for `spikelane train` (default: the same as there)',
     )
     parser.add_argument(
         '--once', action='store_true', help='end when the robot has driven, not on Ctrl-C'
     )
-    parser.add_argument('--domain', type=int, help='ROS domain of the nodes (default: the usual)')
-    parser.add_argument('--namespace', default='', help='of the nodes, such as /robot_1')
     parser.add_argument(
-        '--port', type=int, default=WEB_PORT, help=f'of the page; 0: any (default: {WEB_PORT})'
+        '--domain', type=int, help='ROS domain of the nodes (default: that of ROS)'
+    )
+    parser.add_argument('--namespace', default='', help='namespace of the nodes, such as /robot_1')
+    parser.add_argument(
+        '--port',
+        type=int,
+        default=WEB_PORT,
+        help=f'port of the page; 0: any (default: {WEB_PORT})',
     )
     parser.add_argument(
         '--data-port',
         type=int,
         default=GRPC_PORT,
-        help=f'of what the page shows; 0: any (default: {GRPC_PORT})',
+        help=f'port of the data that the page shows; 0: any (default: {GRPC_PORT})',
     )
     add_configuration_arguments(parser, out='runs/lap-... or runs/train-...')
 

@@ -29,23 +29,23 @@ def add_configuration_arguments(
     Args:
         parser: Parser of the command.
         transport: The default, None where there is no choice.
-        out: The usual folder, as people are told.
+        out: The default folder, as shown in the help text.
     """
     parser.add_argument(
         '--scenario',
         default='1',
         help="the paper's 1, 2 or 3, the path of a course file, or random:SEED (default: 1)",
     )
-    parser.add_argument('--seed', type=int, default=0, help='of all randomness (default: 0)')
+    parser.add_argument('--seed', type=int, default=0, help='seed of all randomness (default: 0)')
     if transport is not None:
         _add_transport_argument(parser, transport)
     add_robot_arguments(parser)
     parser.add_argument(
         '--preset',
         metavar='NAME|FILE',
-        help="pixels of a real event camera in the simulator's: "
-        f'{", ".join(preset_names())}, or a file like theirs; --pixels, --antialias and --param '
-        'come before it',
+        help='use the pixel characteristics of a real event camera: '
+        f'{", ".join(preset_names())}, or a file in the same format; --pixels, --antialias and '
+        '--param take precedence',
     )
     parser.add_argument(
         '--pixels', choices=('coppelia', 'esim'), help='pixel model (default: coppelia)'
@@ -53,7 +53,7 @@ def add_configuration_arguments(
     parser.add_argument(
         '--antialias',
         action=argparse.BooleanOptionalAction,
-        help="smooth the camera image's edges (default: no)",
+        help='smooth the edges in the camera image (default: no)',
     )
     add_parameter_arguments(
         parser, example=f'simulator.camera.fov_deg=90, {usual_controller()}.steering.v_max=2.0'
@@ -68,13 +68,13 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--robot',
         choices=(*robot_models(), *engines()),
-        help='which robot (default: p3dx); an engine, as for --engine, names no robot',
+        help='robot to simulate (default: p3dx); an engine is also accepted, as by --engine',
     )
     parser.add_argument(
         '--engine',
         choices=tuple(engines()),
-        help='what moves it: physics; the same for a body that cannot slip, which is faster '
-        '(rigid); or an ideal differential drive (default: pybullet)',
+        help='how the robot is moved: physics (pybullet), the physics of a body that cannot slip, '
+        'which is faster (rigid), or an ideal differential drive (kinematic) (default: pybullet)',
     )
 
 
@@ -85,7 +85,7 @@ def add_parameter_arguments(parser: argparse.ArgumentParser, *, example: str) ->
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help=f'any other parameter: {example}',
+        help=f'set any other parameter, for example {example}',
     )
 
 
@@ -94,7 +94,7 @@ def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> No
         '--transport',
         default=default,
         choices=TRANSPORTS,
-        help='as processes of a ROS graph, a lap recorded; or within this process '
+        help='run as the processes of a ROS graph, which records laps, or within this process '
         f'(default: {default})',
     )
 
@@ -105,13 +105,13 @@ def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
         '--controller',
         default=usual_controller(),
         choices=controller_names(),
-        help=f'what drives (default: {usual_controller()})',
+        help=f'controller that drives (default: {usual_controller()})',
     )
     parser.add_argument(
         '--checkpoint',
         metavar='DIR',
-        help='folder that a training left, or a checkpoint in it; for controllers that learn '
-        '(default: the weights shipped for the scenario, else those for scenario 1)',
+        help='output folder of a training, or a checkpoint in it; for controllers that learn '
+        '(default: the weights shipped for the scenario, otherwise those for scenario 1)',
     )
 
 

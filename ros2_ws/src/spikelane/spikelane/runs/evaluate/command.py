@@ -27,30 +27,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     add_controller_arguments(parser)
     parser.add_argument(
-        '--seeds', type=int, default=1, help='how many, counted on from --seed (default: 1)'
+        '--seeds', type=int, default=1, help='number of seeds, starting at --seed (default: 1)'
     )
     parser.add_argument(
-        '--laps', type=int, help='laps in a row, of each lane and seed (default: 1)'
+        '--laps', type=int, help='consecutive laps for each lane and seed (default: 1)'
     )
     parser.add_argument(
-        '--lanes', nargs='+', default=(), metavar='LANE', help='lanes driven (default: all)'
+        '--lanes', nargs='+', default=(), metavar='LANE', help='lanes to drive (default: all)'
     )
     parser.add_argument(
         '--courses',
         nargs='+',
         default=(),
         metavar='COURSE',
-        help="scenarios or course files driven, where not the scenario's own; random:N for N "
-        'random courses, those of seeds 0 to N - 1; random:FIRST-LAST for those of these seeds',
+        help='scenarios or course files to drive instead of --scenario; random:N means the N '
+        'random courses of seeds 0 to N - 1, random:FIRST-LAST means those of these seeds',
     )
     parser.add_argument(
         '--latency-ms',
         type=int,
         metavar='MS',
-        help='from an observation to its command, a multiple of 50 [ms] (default: 0)',
+        help='delay from an observation to its command, a multiple of 50 [ms] (default: 0)',
     )
     parser.add_argument(
-        '--event-loss', type=float, metavar='SHARE', help='of events, 0 to 1 (default: 0)'
+        '--event-loss',
+        type=float,
+        metavar='SHARE',
+        help='share of events that are lost, 0 to 1 (default: 0)',
     )
     parser.add_argument(
         '--noise-hz',
@@ -59,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='rate of noise events of each pixel [Hz] (default: 0)',
     )
     parser.add_argument(
-        '--resume', action='store_true', help='go on with the evaluation in the folder'
+        '--resume', action='store_true', help='resume the evaluation in the folder'
     )
     add_configuration_arguments(parser, transport='inprocess', out='runs/evaluate-...')
 

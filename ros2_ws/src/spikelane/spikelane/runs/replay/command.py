@@ -30,11 +30,11 @@ from spikelane_sim.parsing import parse_json
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.description = (
-        'Let a controller answer the observations in a bag, open loop, and compare its wheel '
-        'velocities with the recorded ones, step by step; measure how the robot drove from the '
-        'bag alone. The bag may be ours or of ros2 bag record (MCAP or SQLite, compressed or '
-        'not), also of a real event camera of any size: its events are cropped, scaled and '
-        'binned by time into steps of 50 ms.'
+        'Let a controller answer the observations in a bag (open loop), and compare its wheel '
+        'velocities with the recorded ones, step by step. The metrics of the drive are computed '
+        'from the bag alone. The bag may come from Spikelane or from ros2 bag record (MCAP or '
+        'SQLite, compressed or not). It may also come from a real event camera of any size; the '
+        'events are then cropped, scaled and binned by time into steps of 50 ms.'
     )
     parser.add_argument(
         'bag', type=Path, metavar='BAG', help="a bag's folder, or one of its .mcap or .db3 files"
@@ -42,21 +42,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--controller',
         choices=controller_names(),
-        help='what answers (default: what drove, where the bag says so)',
+        help='controller that answers (default: the recorded one, if the bag names it)',
     )
     parser.add_argument(
         '--checkpoint',
         metavar='DIR',
-        help='folder that a training left, or a checkpoint in it; for controllers that learn '
-        '(default: what drove had, else the weights shipped for the scenario)',
+        help='output folder of a training, or a checkpoint in it; for controllers that learn '
+        '(default: the weights of the recorded drive, otherwise those shipped for the scenario)',
     )
     parser.add_argument(
         '--scenario',
-        help="the paper's 1, 2 or 3, or the path of a course file; says which shipped weights "
-        "(default: the bag's, else 1)",
+        help="the paper's 1, 2 or 3, or the path of a course file; selects the shipped weights "
+        "(default: the bag's scenario, otherwise 1)",
     )
     parser.add_argument(
-        '--seed', type=int, help="of the controller's randomness (default: the bag's, else 0)"
+        '--seed',
+        type=int,
+        help="seed of the controller's randomness (default: the bag's seed, otherwise 0)",
     )
     parser.add_argument(
         '--events',
@@ -66,12 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--no-lane-state',
         action='store_true',
-        help='give the controller events alone, as a node with use_lane_state:=false',
+        help='pass only events to the controller, like a node with use_lane_state:=false',
     )
     add_parameter_arguments(
         parser,
         example=f'{usual_controller()}.steering.v_max=2.0, sensor.crop_width=480 '
-        '(default: those of what drove, where the bag has them)',
+        '(default: those of the recorded drive, if the bag has them)',
     )
     add_output_arguments(
         parser, 'folder for the results, new or empty (default: runs/replay-..., numbered)'

@@ -34,7 +34,7 @@ def _usual_steps() -> str:
         f'default {training_class(name).parameters_class.steps}'
         for name in training_names()
     )
-    return f'steps to drive; what a step is depends on the controller ({each})'
+    return f'steps to drive; the meaning of a step depends on the controller ({each})'
 
 
 def _devices() -> str:
@@ -44,17 +44,17 @@ def _devices() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
-    parser.add_argument('controller', choices=training_names(), help='what learns')
+    parser.add_argument('controller', choices=training_names(), help='controller to train')
     parser.add_argument('--steps', type=int, help=_usual_steps())
     parser.add_argument(
         '--device',
         choices=('cpu', 'cuda'),
-        help=f'where it learns; for {_devices()} (default: cpu)',
+        help=f'device to train on; only for {_devices()} (default: cpu)',
     )
     parser.add_argument(
         '--resume',
         action='store_true',
-        help='go on with the training in the folder, stopped or done',
+        help='resume the training in the folder, whether it was interrupted or completed',
     )
     add_configuration_arguments(parser, transport='inprocess', out='runs/train-...')
 

@@ -148,7 +148,7 @@ def _draw(results: TrainingResults, folder: Path, name: str) -> list[Path]:
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:
-    """Return what must be the same to go on with a training: all but where and how long."""
+    """Return what must be the same to resume a training: all but its place and length."""
     values = config.to_dict()
     del values['transport'], values['training']
     # Without filters this is what it was before there were any.

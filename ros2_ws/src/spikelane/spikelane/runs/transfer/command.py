@@ -25,12 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--controller',
         choices=names,
         default=names[0],
-        help=f'what takes over what another controller has learnt (default: {names[0]})',
+        help=f'controller that receives the trained policy (default: {names[0]})',
     )
     parser.add_argument(
         '--checkpoint',
         metavar='DIR',
-        help='folder that a training of that one left, or a checkpoint in it '
+        help='output folder of the training to transfer from, or a checkpoint in it '
         '(default: the weights shipped for the scenario)',
     )
     parser.add_argument(
@@ -42,13 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--steps',
         type=int,
-        help='steps to train the network for (default: as many as usual)',
+        help="training steps of the network (default: the value of 'transfer.steps')",
     )
     parser.add_argument(
         '--from-training',
         action=argparse.BooleanOptionalAction,
-        help='use the states met in that training too (default: where they are in the '
-        "checkpoint's folder)",
+        help='also use the states that were visited in that training (default: yes if they are in '
+        "the checkpoint's folder)",
     )
     add_configuration_arguments(parser, transport=None, out='runs/transfer-...')
 

@@ -22,7 +22,7 @@ def transfer(config: TransferConfig, show: OnStageProgress) -> Transfer:
 
     Args:
         config: What to do.
-        show: Told about what goes on.
+        show: Is called with the progress.
 
     Raises:
         SpikelaneError: What was learnt or its states cannot be read, or not learnt from.
