@@ -172,7 +172,7 @@ def test_what_cannot_be_done_is_refused(
             '--checkpoint',
             str(bare),
             '--from-training',
-        ): 'expected the states of the training b',
+        ): 'expected the states of the training n',
         ('transfer', '--checkpoint', str(tmp_path / 'none')): 'checkpoint: expected one of ',
         ('transfer', '--checkpoint', str(dqn), '--states', '0'): 'gathering: states: expected a w',
         (

@@ -16,7 +16,7 @@ from spikelane.runs.output import OnProgress, progress
 def run_folder(
     options: argparse.Namespace, config: RunConfig, unit: str = 'm'
 ) -> Iterator[tuple[RunFolder, OnProgress]]:
-    """Give the folder of a run, new or to be gone on with, and what shows progress.
+    """Give the folder of a run, new or to be resumed, and a function that shows progress.
 
     Args:
         options: `out`, `json` and `command_line`; `resume` where the command has it.
@@ -24,7 +24,7 @@ def run_folder(
         unit: Of what progress is shown as.
 
     Raises:
-        SpikelaneError: The run cannot be begun or gone on with.
+        SpikelaneError: The run cannot be started or resumed.
     """
     if getattr(options, 'resume', False):
         folder = RunFolder(options.out or RUNS / config.usual_name)

@@ -69,7 +69,7 @@ class RunConfig:
         raise NotImplementedError
 
     def check_resumable(self, folder: RunFolder) -> None:
-        """Make sure that a folder has this run, so that it can be gone on with.
+        """Make sure that a folder has this run, so that it can be resumed.
 
         Raises:
             SpikelaneError: It has none, or another one.

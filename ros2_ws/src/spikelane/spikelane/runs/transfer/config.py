@@ -94,7 +94,7 @@ class TransferConfig(RunConfig):
         is_there = transfer_class(asked.controller).has_states(found)
         if from_training and not is_there:
             raise ParameterError(
-                '--from-training: expected the states of the training beside the checkpoint, '
+                '--from-training: expected the states of the training next to the checkpoint, '
                 f'got none: {checkpoint}'
             )
         return cls.plan(asked, checkpoint, is_there if from_training is None else from_training)
