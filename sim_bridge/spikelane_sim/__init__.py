@@ -1,4 +1,4 @@
-"""Course, robot, event camera and Gymnasium environment; free of ROS but for `nodes`."""
+"""Course, robot, event camera and Gymnasium environment; free of ROS except for `nodes`."""
 
 import gymnasium
 

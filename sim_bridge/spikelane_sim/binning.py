@@ -79,7 +79,7 @@ class SensorParameters(Parameters):
     )
     stamp_tolerance_s: float = parameter(
         STAMP_TOLERANCE_NS / 1e9,
-        "Steps begin anew where the stamp of a camera's packet is earlier than the latest one by "
+        "Steps restart where the stamp of a camera's packet is earlier than the latest one by "
         'more; clock synchronisation sets stamps back by less.',
         unit='s',
         low=0.0,
@@ -151,7 +151,7 @@ def first_per_pixel(events: Events, width: int, height: int) -> Events:
 
 
 class StepBinning:
-    """The steps of one camera; where its time jumps they begin anew."""
+    """The steps of one camera; they restart where its time jumps."""
 
     def __init__(
         self,
@@ -169,7 +169,7 @@ class StepBinning:
             crop: The part of the image that is used.
             width: Columns that it is scaled to [px].
             height: Rows that it is scaled to [px].
-            restarts: Counts how often steps begin anew, by the reason.
+            restarts: Counts how often steps restart, by the reason.
             stage: The filters that events go through, of the whole image.
         """
         self.decoder = Decoder(parameters.stamp_tolerance_ns)

@@ -82,7 +82,7 @@ SENSORS = ('events', 'encoders')
 
 
 class Observation(NamedTuple):
-    """What a controller is given after each step: the sensors of SENSORS, and the lane.
+    """What a controller receives after each step: the sensors of SENSORS, and the lane.
 
     A sensor is given if the controller uses it, see `sensors_of`; another one is None.
     """

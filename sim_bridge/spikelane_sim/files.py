@@ -1,6 +1,6 @@
-"""Files written whole: beside the final name, flushed to the disk, and renamed.
+"""Files written atomically: to a temporary file in the same folder, flushed, then renamed.
 
-Whoever is killed while writing leaves the old file or the new one, never half of one.
+A process that is killed while writing leaves the old file or the new one, never a partial one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From messages to the core's records, whoever has read them: rclpy, rosbags or anybody else.
+"""From messages to the core's records, whichever library has read them: rclpy, rosbags, another.
 
 Only the names of the fields matter here, so that bags can be read where there is no ROS.
 """

@@ -22,7 +22,7 @@ class Phase(Enum):
     """What has become of the present observation."""
 
     NONE = 0  # there is none: no episode has begun
-    HELD = 1  # it is not published, as somebody who must hear it is not there
+    HELD = 1  # it is not published yet, as a required subscriber is missing
     WAITING = 2  # it is published; in lockstep it waits for its answer
     ANSWERED = 3  # its answer waits for a step, or the episode is over; in lockstep alone
 
@@ -32,7 +32,7 @@ class Publish(NamedTuple):
 
     Attributes:
         observation: Publishes an observation; the flag is false where it was published before.
-        has_subscribers: Whether all those are there who must not miss an observation.
+        has_subscribers: Whether all subscribers are there that must not miss an observation.
         has_controller: Whether anybody could answer.
     """
 

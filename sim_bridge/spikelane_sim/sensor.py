@@ -103,8 +103,8 @@ class Sensor:
             has_lane: Whether lane states come with the packets, as from a simulator.
             any_size: Whether a simulator's image may have another size, as nobody looks at it.
             sums_events: Whether on, off, sum_x and sum_y are kept, to compare with other decoders.
-            on_fault: Told why a packet cannot be decoded.
-            on_loss: Told how many packets are missing before one.
+            on_fault: Called with the reason why a packet cannot be decoded.
+            on_loss: Called with the number of packets missing before one.
 
         Raises:
             ParameterError: A camera's packets are expected with lane states, which have no steps
@@ -149,7 +149,7 @@ class Sensor:
 
     @property
     def restarts(self) -> int:
-        """How often the steps of a camera began anew."""
+        """How often the steps of a camera restarted."""
         return self._restarts.total()
 
     @property

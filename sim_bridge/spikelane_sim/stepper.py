@@ -113,13 +113,13 @@ class Stepper:
 
     @property
     def lacks_subscribers(self) -> bool:
-        """Whether an observation is not out yet, since not all are there who must hear it."""
+        """Whether an observation is not out yet, since a required subscriber is missing."""
         with self._lock:
             return self._phase is Phase.HELD
 
     @property
     def is_awaited(self) -> bool:
-        """Whether somebody who asked for an episode waits for its first observation."""
+        """Whether the client that requested an episode waits for its first observation."""
         with self._lock:
             return bool(self._on_published)
 
@@ -318,7 +318,7 @@ class Stepper:
             self._simulator.place(x_m, y_m, heading_rad)
 
     def audience_changed(self, has_grown: bool = True) -> None:
-        """Publish the observation that still waits, once all are there who must hear it.
+        """Publish the observation that still waits, once all required subscribers are there.
 
         Args:
             has_grown: Whether somebody has missed it: then it is published again.

@@ -1,4 +1,4 @@
-"""The topics that drive the robot, and who publishes on them.
+"""The topics that drive the robot, and the nodes that publish on them.
 
 A robot is meant to have one publisher of commands. Where there are several, their commands mix
 and the drive is nobody's: they are named once a second for as long as it goes on.
@@ -41,7 +41,7 @@ class Commands:
             node: The node that subscribes.
             direct: Its subscriptions on the lockstep path.
             robot: To know what a twist means for the wheels.
-            stepper: Is given the commands.
+            stepper: Receives the commands.
             notice: Called after each answer in lockstep.
         """
         self._node = node

@@ -63,7 +63,7 @@ class SimulatorDiagnostics:
         self._was_answered = is_terminated and self._stepper.is_answered
 
     def look_and_publish(self) -> None:
-        """Look who has commanded the robot in the last second, and publish."""
+        """Find the nodes that commanded the robot in the last second, and publish."""
         self._mixed = self._commands.report()
         self.publish()
 

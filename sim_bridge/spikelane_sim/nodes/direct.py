@@ -112,7 +112,7 @@ class DirectSubscriptions:
         Args:
             kind: Type of the messages.
             topic: Name of the topic.
-            handle: Is given each message.
+            handle: Receives each message.
             qos: Quality of service.
             is_companion: Its messages come just before those of another topic and are of use
                 only with them: they are taken then, and wake nobody. A wake-up costs about as

@@ -1,4 +1,4 @@
-"""Publishers that know whom their messages reach, and who has missed the last one."""
+"""Publishers that know their subscribers, and which of them have missed the last message."""
 
 from __future__ import annotations
 

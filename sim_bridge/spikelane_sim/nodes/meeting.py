@@ -1,12 +1,12 @@
-"""How the nodes of a drive meet: who waits for whom, for what, and how a loss is found.
+"""How the nodes of a drive discover each other: which waits for which, and how loss is detected.
 
 A drive in lockstep has three parties: the simulator, a controller, and often a recorder. They may
 be started in any order and at any speed, and the middleware introduces them topic by topic, in an
-order that nobody knows. What is published on a topic before a subscriber was met there never
+order that is not defined. A message that is published before the subscriber is discovered never
 reaches it. Therefore:
 
 1. **Before the first step, publishers wait.** The simulator holds its first observation, and the
-   controller its first answer, until all who must hear it are met (`Meeting.is_open`). These are
+   controller its first answer, until all required subscribers are discovered (`Meeting.is_open`):
 
    - the nodes named by the parameter `wait_for`: each must subscribe to what it needs, the
      controller to `lane/state` and `event_camera/events`, the simulator to `wheel_velocities`;
@@ -14,12 +14,12 @@ reaches it. Therefore:
      be recorded. The recorder says on `recorder/state` which topics it wants, and on which of them
      it has met a publisher. The node believes that when its own publisher has met as many
      subscribers as there are, the recorder among them: then both sides know of each other;
-   - any `wait_for_subscribers` subscribers, for whoever has a graph of another kind.
+   - any `wait_for_subscribers` subscribers, for graphs of another kind.
 
-   The recorder waits for nobody, and the controller answers whatever comes: so there is no circle.
-   A viewer, and whoever else looks on, is not waited for.
+   The recorder waits for no node, and the controller answers every observation, so that there is
+   no deadlock. No node waits for a viewer or any other observer.
 
-2. **Who comes later is sent the last message again** (`KeptPublisher`), on the topics where it has
+2. **The last message is re-sent to late joiners** (`KeptPublisher`), on the topics where they have
    missed it: an observation for a controller that was restarted, an answer for a simulator.
 
 3. **During the drive, no publisher is further ahead of the recorder than its history allows**
@@ -68,14 +68,14 @@ class MeetingParameters(Parameters):
 
     wait_for: tuple[str, ...] = parameter(
         (),
-        'Nodes that must hear what is published from the first message on: a simulator waits for '
+        'Nodes that must receive all messages from the first one on: a simulator waits for '
         'its controller, a controller for its simulator. A name without a leading slash is in the '
         "node's own namespace. A second publisher of a topic of the drive then ends the node.",
     )
     wait_for_subscribers: int = parameter(
         0,
-        'Subscribers that event_camera/events, or wheel_velocities, must have before anything is '
-        'published, whoever they are.',
+        'Number of subscribers that event_camera/events, or wheel_velocities, must have before '
+        'anything is published; any node counts.',
         low=0,
         high=1000,
     )
@@ -111,7 +111,7 @@ def meeting_parameters(controller: str, *, is_recorded: bool) -> tuple[dict[str,
 
 
 class Meeting:
-    """Says whether all are there who must hear what a node publishes; see the module."""
+    """Says whether all required subscribers of a node are discovered; see the module."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class Meeting:
         window_steps: int,
         on_open: Callable[[], None],
     ) -> None:
-        """Begin to look who is there.
+        """Begin to check which nodes are there.
 
         Args:
             node: The node that publishes.
@@ -200,7 +200,7 @@ class Meeting:
 
     @property
     def waits_for(self) -> str:
-        """Who is waited for, in words; '' where nobody is."""
+        """The nodes that this node waits for, in words; '' if there is none."""
         return '' if self._is_met else ', '.join(self.lacks)
 
     @property
@@ -214,7 +214,7 @@ class Meeting:
             self._on_open()
 
     def _look(self) -> None:
-        """Look who is there, again and again until all are."""
+        """Check repeatedly until all required nodes are discovered."""
         lacks = [] if self._recorder or not self.window.is_used else [self._no_recorder()]
         for each in self._all:
             absent = list(self._absent(each))
@@ -249,7 +249,7 @@ class Meeting:
         return topic in state.wanted if state.wanted else '/_' not in topic
 
     def _absent(self, publisher: KeptPublisher) -> Iterator[str]:
-        """Yield who must hear a publisher and does not."""
+        """Yield the required subscribers that a publisher does not reach yet."""
         if not self._is_needed(publisher):
             return
         topic, there = publisher.topic, publisher.listeners()

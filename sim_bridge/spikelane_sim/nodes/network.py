@@ -1,4 +1,4 @@
-"""Which network interfaces the nodes use: the loopback interface alone, unless told otherwise.
+"""Which network interfaces the nodes use: only the loopback interface by default.
 
 The environment variable SPIKELANE_NETWORK is the option: `loopback` (default) or `all`. Each
 selects a profile of Fast DDS, ROS 2 Jazzy's usual middleware. Other middlewares ignore it.

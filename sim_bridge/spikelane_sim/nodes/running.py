@@ -1,8 +1,8 @@
 """How every Spikelane node runs: one error line for a wrong start, a quiet end on a signal.
 
-A node that is told to end drives no further, and lets what it has published arrive. The middleware
-finds only at its next heartbeat, after some seconds, what was lost last; a node that is gone by
-then takes it along, and a recording would lack the end of a drive.
+A node that receives a signal to end drives no further, and waits until its published messages have
+arrived. The middleware detects the loss of the last messages only at its next heartbeat, after some
+seconds. If the node is gone by then, they are lost, and a recording would lack the end of a drive.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
         with _signals_held_back():
             ending = _Ending()
             # rclpy's own handlers would shut down before what was published has arrived, and a
-            # KeyboardInterrupt could come amid anything.
+            # KeyboardInterrupt could come at any point.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             executor = SingleThreadedExecutor()
     except SpikelaneError as error:
@@ -176,7 +176,7 @@ class _Ending:
             os._exit(128 + self.number)
 
     def _deliver(self, node: Node) -> None:
-        """Wait until who subscribes reliably has all of it, or for as long as that may take."""
+        """Wait until all reliable subscribers have received all messages, or until a time-out."""
         deadline_s = time.monotonic() + _DELIVERY_S
         self._told.settimeout(_DELIVERY_PERIOD_S)
         with contextlib.suppress(RuntimeError):  # it ends by itself meanwhile

@@ -1,6 +1,6 @@
 """Robots and engines by name: entry points of the groups `spikelane.robots`, `spikelane.engines`.
 
-What cannot be imported is in nobody's way: the reason is told to those who ask for it.
+A robot or engine that cannot be imported affects no other; its request raises the reason.
 """
 
 from __future__ import annotations
