@@ -1,1 +1,1 @@
-"""Spiking networks, encoding and decoding; free of ROS but for `nodes`."""
+"""Spiking networks, encoding and decoding; free of ROS except for `nodes`."""

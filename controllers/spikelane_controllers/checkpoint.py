@@ -1,8 +1,8 @@
 """Checkpoints: everything a learning controller is, in a form that any program can read.
 
-A checkpoint is one safetensors file; what is not an array stands as JSON in its header, and again
-beside it in a `.json` for people. Only the safetensors file is ever read back, so that the two
-can not disagree. There is no pickle in it.
+A checkpoint is one safetensors file; the values that are not arrays are JSON in its header. A
+`.json` file next to it repeats them for people. Only the safetensors file is ever read
+back, so that the two cannot disagree. It contains no pickle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Checkpoint(NamedTuple):
     """What a checkpoint holds."""
 
     arrays: dict[str, NDArray[Any]]
-    facts: dict[str, Any]  # of JSON's kinds
+    facts: dict[str, Any]  # JSON-compatible
 
 
 def write_checkpoint(
@@ -39,10 +39,10 @@ def write_checkpoint(
     """Write a checkpoint, whole or not at all.
 
     Args:
-        path: Ending in .safetensors; the .json is written beside it.
+        path: Ending in .safetensors; the .json is written next to it.
         controller: Name of the controller it is of.
         arrays: By name, of plain numbers.
-        facts: Everything else, of JSON's kinds.
+        facts: Everything else, as a JSON-compatible dict.
         sync: As in `files.write_bytes_atomically`.
 
     Raises:

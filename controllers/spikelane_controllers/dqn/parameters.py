@@ -68,7 +68,7 @@ class DqnParameters(Parameters):
     learning: bool = parameter(False, 'Whether it explores and learns; otherwise it is greedy.')
     checkpoint: str = parameter(
         'scenario_1',
-        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        "Initial weights: the name of shipped ones, the path of a training's folder or of a "
         'checkpoint, or empty for untrained ones.',
     )
     averaged: bool = parameter(

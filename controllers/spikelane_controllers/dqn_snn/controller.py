@@ -2,7 +2,7 @@
 
 The events of each step make the rates of Poisson inputs. The network has one output neuron for
 each action; an action's trace counts its spikes and decays, and the robot does the action with
-the largest trace, decided anew at each step of 50 ms.
+the largest trace, which is chosen at each step of 50 ms.
 """
 
 from __future__ import annotations

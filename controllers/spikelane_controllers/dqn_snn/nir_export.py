@@ -15,7 +15,7 @@ Two things need care:
 
 What is around the network is in the metadata alone, from the sensor's pixels to the wheels'
 velocities: `docs/nir.md` describes every entry, so that the controller can be built from the file
-without this package. Whoever changes an entry changes that page and FORMAT_VERSION.
+without this package. A change of an entry also changes that page and FORMAT_VERSION.
 """
 
 from __future__ import annotations

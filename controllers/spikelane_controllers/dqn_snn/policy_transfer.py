@@ -84,7 +84,7 @@ class PolicyTransfer:
 
     @staticmethod
     def has_states(checkpoint: Path) -> bool:
-        """Return whether the states met in a training are there, beside its checkpoint."""
+        """Return whether the states visited in a training are there, next to its checkpoint."""
         return _states_file(checkpoint).exists()
 
     def check(self) -> None:

@@ -45,10 +45,10 @@ def write_transferred(
     """Write a transfer's networks.
 
     Args:
-        path: Ending in .safetensors; a .json is written beside it.
+        path: Ending in .safetensors; a .json is written next to it.
         ann: As it was trained.
         transferred: The same, normalised.
-        facts: More about it, of JSON's kinds.
+        facts: More about it, as a JSON-compatible dict.
 
     Raises:
         FileError: It cannot be written.

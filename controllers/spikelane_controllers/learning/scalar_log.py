@@ -73,7 +73,7 @@ class ScalarLog:
 
 def _record(**fields: Any) -> bytes:
     """Return an event as TensorFlow's record files have it: lengths and checksums about it."""
-    # Here and not above: whoever does not train need not wait for it.
+    # Here and not above: programs that do not train need not wait for it.
     from tensorboardX.proto.event_pb2 import Event
     from tensorboardX.record_writer import masked_crc32c
 

@@ -2,12 +2,12 @@
 
 The paper's procedure (sections 3.4 and 4.4): the robot drives, is reset when it leaves the lane,
 has completed a lap (R-STDP) or has driven long enough (DQN), and the lanes alternate. In-process
-and over ROS the same object is given the same observations, so that both give the same weights,
+and over ROS the same object receives the same observations, so that both give the same weights,
 bit for bit.
 
 A checkpoint is taken every so many steps. It holds the controller's state and the answers given
 since the last reset: a resumed run resets the simulator to that episode, gives those answers once
-more without learning anything, and is then exactly where it was. Simulation time begins anew in
+more without learning anything, and is then exactly where it was. Simulation time restarts in
 it, which nothing depends on.
 """
 
@@ -63,7 +63,7 @@ class Termination(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The episode that a training begins or goes on with."""
+    """The episode that a training begins or resumes with."""
 
     lane: str | None
     episode: int
@@ -98,7 +98,7 @@ class Training:
             name: Name of the controller, in the registry.
             controller: Just made.
             parameters: Parameters of the training.
-            config: What determines it, of JSON's kinds; kept in checkpoints and compared by
+            config: What determines it, as a JSON-compatible dict; kept in checkpoints, compared by
                 `resume`.
             checkpoint: File of the checkpoints, ending in .safetensors.
         """
@@ -250,7 +250,7 @@ class Training:
         return not lane.terminated
 
     def _begin_records(self) -> None:
-        """Begin what is kept beside the terminations."""
+        """Begin the records that are kept in addition to the terminations."""
 
     def _record_step(self) -> None:
         """Add to the records, just before a checkpoint that is due."""

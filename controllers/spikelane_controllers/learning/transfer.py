@@ -59,7 +59,7 @@ class Transfer(Protocol):
 
     @staticmethod
     def has_states(checkpoint: Path) -> bool:
-        """Return whether the states met in a training are there, beside its checkpoint."""
+        """Return whether the states visited in a training are there, next to its checkpoint."""
 
     def check(self) -> None:
         """Make sure that it can be begun.

@@ -1,9 +1,9 @@
-"""What every controller node is: observations in, wheel velocities out.
+"""The base of every controller node: it receives observations and sends wheel velocities.
 
 An observation is an event packet and the lane state of the same stamp, or without lane states a
 step of any event camera (`spikelane_sim.sensor`). Each is answered once; the answer carries its
-stamp and is sent again when a subscriber joins or the observation comes again, so that whoever
-starts first, nothing waits for what was sent too early.
+stamp and is re-sent when a subscriber joins or the observation comes again, so that no node waits
+for a message that was sent too early, in whatever order the nodes start.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class LearningNodeParameters(Parameters):
     """Where a training is kept."""
 
     output: str = parameter('', "Folder of the training's checkpoints; needed to learn.")
-    resume: bool = parameter(False, 'Go on with the training in the folder.')
+    resume: bool = parameter(False, 'Resume the training in the folder.')
 
 
 class LearningNode(ControllerNode):
@@ -74,7 +74,7 @@ class LearningNode(ControllerNode):
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
         check_learning_parameters(name, specs)
         if declare_parameter(self, specs['learning']):
-            # Who learns begins with nothing, unless told otherwise.
+            # A training begins without weights, unless configured otherwise.
             declare_parameter(self, replace(specs['checkpoint'], default=''))
         return super()._make_driver(name)
 
@@ -131,7 +131,7 @@ class LearningNode(ControllerNode):
     def _reset_if_there(self) -> None:
         if self._client.service_is_ready():
             self._search.cancel()
-            assert self._training is not None  # who trains looks for the simulator
+            assert self._training is not None  # only a training searches for the simulator
             lane, episode = self._training.start
             request = Reset.Request(lane=lane or '', seed=self._settings.seed, episode=episode)
             self._client.call_async(request).add_done_callback(self._on_first_reset)

@@ -6,7 +6,7 @@ the right one's, so that what made the robot turn back is strengthened.
 
 An episode is no boundary for the network: as in the paper's procedure, where one simulation of
 the network goes on while the robot is put back, potentials, traces, weights and spikes on their
-way live on. Only the steering begins anew.
+way live on. Only the steering restarts.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class RStdpParameters(Parameters):
     learning: bool = parameter(False, 'Whether the weights change.')
     checkpoint: str = parameter(
         'scenario_1',
-        "Weights to begin with: the name of shipped ones, the path of a training's folder or of a "
+        "Initial weights: the name of shipped ones, the path of a training's folder or of a "
         'checkpoint, or empty for untrained ones.',
     )
     c_r: float = parameter(
