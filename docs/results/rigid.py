@@ -10,6 +10,7 @@ experiments/rigid.yaml has left.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+import json
 import math
 from pathlib import Path
 import sys
@@ -18,7 +19,6 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
-from tables import print_row, read_json
 
 from spikelane.statistics import equivalence_statistics, unit_means
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -57,6 +57,11 @@ LEARNT = {
 }
 
 Commands = Callable[[np.random.Generator, float], NDArray[np.float64]]
+
+
+def print_row(*cells: str) -> None:
+    """Print a row of a table."""
+    print(f'| {" | ".join(cells)} |')
 
 
 # ------------------------------------------------------------------------------ given commands
@@ -185,7 +190,7 @@ def lap_pairs(folder: Path, quantity: str) -> list[Pair]:
 
 
 def _laps(path: Path) -> list[dict[str, Any]]:
-    laps: list[dict[str, Any]] = read_json(path / 'metrics.json')['laps']
+    laps: list[dict[str, Any]] = json.loads((path / 'metrics.json').read_text('utf-8'))['laps']
     return laps
 
 
