@@ -1,8 +1,8 @@
 """How every Spikelane node runs: one error line for a wrong start, a quiet end on a signal.
 
 A node that receives a signal to end drives no further, and waits until its published messages have
-arrived. The middleware detects the loss of the last messages only at its next heartbeat, after some
-seconds. If the node is gone by then, they are lost, and a recording would lack the end of a drive.
+arrived. The middleware detects lost messages only at its next heartbeat, after some seconds. If
+the node is gone by then, they are lost, and a recording would lack the end of a drive.
 """
 
 from __future__ import annotations
