@@ -56,7 +56,7 @@ def _try_lock(descriptor: int) -> bool:
 
 
 def _holder(descriptor: int) -> str:
-    """Return which process has the lock, to be put after a sentence; '' where none is told."""
+    """Return which process has the lock, to be put after a sentence; '' if it is unknown."""
     status = os.fstat(descriptor)
     device = f'{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}'
     place = f'{device}:{status.st_ino}'

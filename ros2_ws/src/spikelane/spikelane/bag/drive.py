@@ -51,7 +51,7 @@ T = TypeVar('T')
 
 
 class DrivePacket(NamedTuple):
-    """An event packet with what was recorded beside it."""
+    """An event packet with the messages that were recorded with it."""
 
     packet: ReceivedPacket
     lane: LaneState | None

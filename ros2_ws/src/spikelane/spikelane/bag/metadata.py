@@ -1,4 +1,4 @@
-"""The text that rosbag2 keeps beside and inside its files: metadata.yaml and QoS profiles.
+"""The text that rosbag2 keeps next to and inside its files: metadata.yaml and QoS profiles.
 
 The layout (keys, order, indentation) is that of rosbag2 0.26 (Jazzy), metadata version 9.
 """

@@ -48,7 +48,7 @@ class Repair(NamedTuple):
     Attributes:
         path: The bag that is whole now.
         message_count: Messages in it.
-        written: Names of the files that were written anew; none where nothing was to repair.
+        written: Names of the files that were rewritten; none where nothing was to repair.
         notes: What was wrong, and what could not be saved, one sentence each.
     """
 
@@ -59,7 +59,7 @@ class Repair(NamedTuple):
 
 
 class _Contents(NamedTuple):
-    """What a file has, or would have when written anew."""
+    """What a file has, or would have after it is rewritten."""
 
     name: str
     channels: tuple[tuple[Channel, str], ...]  # with the names of their types
@@ -136,7 +136,7 @@ def _repair(
 def _write(
     path: Path, out: Path | None, files: Sequence[Path], bad: Sequence[Path], metadata: BagMetadata
 ) -> None:
-    """Write bad files and metadata.yaml anew, into a copy of the bag or in place."""
+    """Rewrite bad files and metadata.yaml, into a copy of the bag or in place."""
     folder = out or (path if path.is_dir() else path.parent)
     topics = {topic.name: topic for topic in metadata.topics}
     with _workshop(folder, is_new=out is not None) as workshop:

@@ -41,7 +41,7 @@ class PlannedRun:
         options: Options of the task.
         labels: Names on the axes, `{'cameras': 'smooth'}`.
         before: Name of the run whose checkpoint it takes, None for none.
-        identity: What it is compared by, of JSON's kinds.
+        identity: What it is compared by, as a JSON-compatible dict.
     """
 
     name: str

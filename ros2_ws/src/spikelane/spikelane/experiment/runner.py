@@ -57,7 +57,7 @@ class Status:
         run: Which.
         state: Where it stands.
         folder: Its own; None before it is begun.
-        is_begun: Whether an earlier process has left something to go on with.
+        is_begun: Whether an earlier process has left something to resume.
         is_continued: Whether the one at work, or the last one, went on with that.
         attempts: Processes started.
         message: Why it failed, '' where it did not.

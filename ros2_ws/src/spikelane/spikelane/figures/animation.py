@@ -1,4 +1,4 @@
-"""A lap as a moving picture: the camera's events beside the course.
+"""A lap as an animation: the camera's events next to the course.
 
 An animated WebP, which browsers play and README pages show; the same drive gives the same bytes.
 """
@@ -55,7 +55,7 @@ def draw_animation(
     path: Path,
     title: str = '',
 ) -> Path:
-    """Draw a drive as an animation, and its middle picture as a still beside it.
+    """Draw a drive as an animation, and its middle picture as a still image next to it.
 
     Args:
         trajectory: Trajectory of one episode, (n,).

@@ -1,4 +1,4 @@
-"""What the recorder is told: its parameters."""
+"""The parameters of the recorder."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class Viewer(Node):
         return subscription, show
 
     def _show(self, show: LogMessage, message: Any) -> None:
-        """Show a message; one that cannot be shown is told of, once in a while."""
+        """Show a message; one that cannot be shown is reported, at a limited rate."""
         try:
             show(message, to_stamp_ns(message.header.stamp))
         except (SpikelaneError, ValueError) as error:

@@ -41,7 +41,7 @@ _STILL = BodyVelocity(0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class WheelsToTwistParameters(Parameters):
-    """The robot, what it is told, and its limits."""
+    """The robot, the type of its commands, and its limits."""
 
     wheel_radius_m: float = parameter(
         0.0, "Radius of the wheels; 0: that of the robot's URDF.", unit='m', low=0.0, high=10.0

@@ -1,1 +1,1 @@
-"""The report on runs: one page with tables against the paper, and its figures drawn anew."""
+"""The report on runs: one page with tables against the paper, and its figures."""

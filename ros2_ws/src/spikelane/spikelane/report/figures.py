@@ -1,4 +1,4 @@
-"""The report's figures, each drawn anew from what runs left, and named by what it shows.
+"""The report's figures, each drawn from the files of runs, and named by what it shows.
 
 What cannot be drawn because no run has what it takes is named with the reason.
 """
@@ -85,7 +85,7 @@ def draw_figures(runs: Runs, folder: Path, show: OnFigure) -> Figures:
     Args:
         runs: To draw.
         folder: Folder of the files.
-        show: Told what is being drawn.
+        show: Called with the name of what is being drawn.
     """
     drawn: list[Drawn] = []
     left_out: list[LeftOut] = []

@@ -1,4 +1,4 @@
-"""What a report takes from the files of runs, whoever wrote them: names, and kinds of values."""
+"""What a report takes from the files of runs: names, and kinds of values."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class _Lap(TypedDict):
 
 
 class LapMetrics(_Lap, total=False):
-    """Of a lap."""
+    """The metrics of a lap."""
 
     operations: Operations | None
 
 
 class LapOfEvaluation(LapMetrics):
-    """Of a lap that an evaluation drove."""
+    """The metrics of a lap that an evaluation drove."""
 
     course: str
     lane: str
@@ -75,7 +75,7 @@ class _Course(TypedDict):
 
 
 class EvaluationMetrics(TypedDict):
-    """Of an evaluation; its laps have files of their own."""
+    """The metrics of an evaluation; its laps have files of their own."""
 
     laps: list[_Course]
 
@@ -96,7 +96,7 @@ class _Runs(TypedDict):
 
 
 class Results(_Runs, total=False):
-    """Of an experiment."""
+    """The results of an experiment."""
 
     groups: list[dict[str, Any]]
 

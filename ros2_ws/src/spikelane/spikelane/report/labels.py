@@ -1,4 +1,4 @@
-"""What runs are called in the report: in titles, beside bars, and as names of files."""
+"""What runs are called in the report: in titles, next to bars, and as names of files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def label_of(lap: Lap) -> str:
 
 
 def bar_label(key: Key) -> str:
-    """Return a group in lines that fit beside its bar in a figure."""
+    """Return a group in lines that fit next to its bar in a figure."""
     name = f'{title(key.controller)}, scenario {key.scenario}'
     return '\n'.join([name, *textwrap.wrap(key.setting, _BAR_LETTERS)])
 

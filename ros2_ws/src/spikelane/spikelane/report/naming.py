@@ -37,7 +37,7 @@ def name_settings(runs: Runs) -> None:
 
 
 def _tell_trainings_apart(runs: list[Any]) -> None:
-    """Add the length of the training to settings that are alike but for it.
+    """Add the length of the training to settings that differ only in it.
 
     How long is usual depends on the scenario: where all are as long it says nothing.
     """

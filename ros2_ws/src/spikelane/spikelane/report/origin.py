@@ -38,7 +38,7 @@ class MadeWith(NamedTuple):
 
 
 def all_commands(runs: Runs) -> tuple[list[Commands], list[LeftOut]]:
-    """Return the commands that made all runs, and the runs of which that cannot be told."""
+    """Return the commands that made all runs, and the runs whose command is unknown."""
     commands, left_out = [], []
     kinds: dict[str, Iterable[Lap | TrainingRun | TransferRun]] = {
         'Trainings': runs.trainings,

@@ -1,4 +1,4 @@
-"""The report itself: one HTML file that holds everything, with its figures beside it."""
+"""The report itself: one HTML file that holds everything, with its figures next to it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_report(
         paths: Folders of runs, or above them.
         out: Folder of the report: `report.html`, `report.json` and `report.md` with its tables,
             `figures/`.
-        show: Told what is being done.
+        show: Called with the name of what is being done.
         note: What readers must know first, '' for nothing.
 
     Returns:

@@ -54,7 +54,7 @@ _GIT_S = 5.0  # to say which commit this is
 #: Entries of `config.yaml` that tell how a run came about, and do not determine it.
 _NOT_DETERMINING = ('given', 'command_line', 'versions')
 
-#: Where runs go that are not told where to.
+#: The default folder of runs.
 RUNS = Path('runs')
 
 
@@ -162,7 +162,7 @@ class RunFolder:
 
     @property
     def figures(self) -> Path:
-        """Folder of the figures; whoever draws the first one makes it."""
+        """Folder of the figures; it is created with the first figure."""
         return self.path / 'figures'
 
     def write_config(self, run: RunConfig, command_line: Sequence[str] = ()) -> None:

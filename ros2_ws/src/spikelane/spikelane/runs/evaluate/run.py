@@ -111,7 +111,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: OnProgress) -> dict[str, An
     folder = RunFolder(path)
     if folder.metrics.exists():
         return folder.read_metrics(LapRow, check_lap)
-    # What was being driven when somebody stopped it begins anew.
+    # A lap that was interrupted restarts.
     shutil.rmtree(path, ignore_errors=True)
     RunFolder.create(path, numbered=False)
     driven = drive(each.config, folder, show)

@@ -1,4 +1,4 @@
-"""What a lap leaves: where the robot was, what it was told and how much the camera saw.
+"""What a lap leaves: where the robot was, its commands and how much the camera saw.
 
 One row per observation of an episode, the first one (at the reset, step 0) included. The same
 columns come from a loop in this process (`TrajectoryRecorder`) and from a bag

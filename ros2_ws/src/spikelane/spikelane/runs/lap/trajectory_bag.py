@@ -104,7 +104,7 @@ def _choose_episode(bag: Path, lane_states: Iterable[Recorded], episode: int | N
 def _split_episodes(lane_states: Iterable[Recorded]) -> list[LaneStates]:
     """Begin an episode wherever its number changes or its steps begin again.
 
-    An observation that waits for its answer is sent again to whoever joins then: it counts once.
+    An observation that waits for its answer is re-sent to late joiners: it counts once.
     """
     episodes: list[LaneStates] = []
     for recorded in lane_states:

@@ -33,7 +33,7 @@ class ReplayConfig(RunConfig):
         controller: Name in the controllers' registry.
         scenario: Whose shipped weights a controller has that learns.
         seed: Seed of the controller's randomness.
-        use_lane_state: Whether the controller is given lane states, and reset by them.
+        use_lane_state: Whether the controller receives lane states, and reset by them.
         controller_parameters: Parameters of the controller's own class.
         sensor: How event packets become steps.
         filter: What events go through before that.

@@ -1,4 +1,4 @@
-"""The figure of a replay: what the wheels were told then and now, and where the robot was.
+"""The figure of a replay: the recorded and new wheel commands, and where the robot was.
 
 From the top: velocity of the left and of the right wheel, as recorded and as replayed, over the
 time of the observations; what differs is marked below the curves. At the bottom the deviation d

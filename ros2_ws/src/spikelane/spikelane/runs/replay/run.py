@@ -1,6 +1,6 @@
 """Replay: a recorded drive goes through a controller once more, open loop.
 
-The controller is given the recorded observations, whatever it answers; its answers are compared
+The controller receives the recorded observations, whatever it answers; its answers are compared
 with the recorded ones. A controller that drove is reset where it was then, so that with its seed
 and parameters every answer is the same, bit for bit.
 """
