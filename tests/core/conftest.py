@@ -43,14 +43,26 @@ def _runs(python: str, minor: int) -> bool:
     return done.returncode == 0 and done.stdout.startswith(f'{minor} ')
 
 
+def further_pythons() -> dict[int, str]:
+    """Return those of `pythons` that do not run the tests."""
+    return {minor: path for minor, path in pythons().items() if minor != sys.version_info[1]}
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Repeat tests with the argument `further_python` for all but the Python that runs them."""
     if 'further_python' in metafunc.fixturenames:
-        others = {minor: path for minor, path in pythons().items() if minor != sys.version_info[1]}
-        found = [pytest.param(path, id=f'python3.{minor}') for minor, path in others.items()]
+        found = [
+            pytest.param(path, id=f'python3.{minor}') for minor, path in further_pythons().items()
+        ]
         reason = 'no other Python that is supported'
         none = pytest.param('', marks=pytest.mark.skip(reason=reason))
         metafunc.parametrize('further_python', found or [none])
+
+
+@pytest.fixture(scope='session')
+def other_pythons() -> list[str]:
+    """Give all values of `further_python`."""
+    return list(further_pythons().values())
 
 
 @pytest.fixture(scope='session')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 import csv
 from email.message import Message
 from email.parser import Parser
@@ -77,6 +78,35 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, words in (('lap', LAP), ('physics', PHYSICS_LAP), ('training', TRAINING)):
         assert run_here([*words, '--out', str(folder / name)]) == 0
     return folder
+
+
+@pytest.fixture(scope='module')
+def laps(
+    wheel: Path,
+    metadata: Message,
+    other_pythons: list[str],
+    run_anew: Run,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[dict[str, Future[Path]]]:
+    """Give the lap of each further Python, driven while this one is tested: two cores are used."""
+
+    def drive(python: str, folder: Path) -> Path:
+        versions = lowest(metadata, folder) if is_lowest(python) else pinned(folder)
+        programs = install(run_anew, python, folder / 'venv', str(wheel), *versions)
+        run_anew(programs / 'spikelane', *LAP, '--out', folder / 'lap', cwd=folder)
+        return folder / 'lap'
+
+    with ThreadPoolExecutor(1) as background:
+        yield {
+            python: background.submit(drive, python, tmp_path_factory.mktemp('further'))
+            for python in other_pythons
+        }
+        background.shutdown(cancel_futures=True)
+
+
+def is_lowest(python: str) -> bool:
+    """Whether the lowest versions of the dependencies are tried with a Python."""
+    return python.endswith('3.10')
 
 
 def install(run: Run, python: str, folder: Path, *wanted: str) -> Path:
@@ -171,7 +201,11 @@ def test_each_dependency_has_a_lower_bound(metadata: Message) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_the_library_does_everything_without_ros(
-    wheel: Path, here: Path, run_anew: Run, tmp_path: Path
+    wheel: Path,
+    here: Path,
+    laps: dict[str, Future[Path]],
+    run_anew: Run,
+    tmp_path: Path,
 ) -> None:
     """The same laps, trainings and rewards to the bit as the checkout; what lacks is told."""
     programs = install(
@@ -237,16 +271,12 @@ def check_errors(command: Path, folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_a_further_python_drives_the_same_lap(
-    further_python: str, wheel: Path, metadata: Message, here: Path, run_anew: Run, tmp_path: Path
+    further_python: str, laps: dict[str, Future[Path]], here: Path
 ) -> None:
     """To the bit with the set-up's versions; nearly with the lowest ones, on Python 3.10."""
-    is_lowest = further_python.endswith('3.10')
-    versions = lowest(metadata, tmp_path) if is_lowest else pinned(tmp_path)
-    programs = install(run_anew, further_python, tmp_path / 'venv', str(wheel), *versions)
-    run_anew(programs / 'spikelane', *LAP, '--out', tmp_path / 'lap', cwd=tmp_path)
-    (first, *expected), (header, *driven) = rows(here / 'lap'), rows(tmp_path / 'lap')
+    (first, *expected), (header, *driven) = rows(here / 'lap'), rows(laps[further_python].result())
     assert (header, len(driven)) == (first, len(expected))
-    if not is_lowest:
+    if not is_lowest(further_python):
         assert driven == expected
     distance, events = header.index('distance_m'), header.index('events')
     for row, other in zip(driven, expected, strict=True):
