@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from spikelane.report.groups import by_key, Key, PAPER_LANE
+from spikelane.report.groups import by_key, Key, PAPER_LANE, R
 from spikelane.report.labels import plain
 from spikelane.report.paper import PAPER_SCENARIOS
 from spikelane.report.runs import Lap, RANDOM_COURSES
@@ -45,7 +45,7 @@ def representative_laps(laps: Iterable[Lap]) -> dict[Place, Lap]:
     return chosen
 
 
-def median_run(group: Sequence[Any], value: Callable[[Any], float]) -> Any:
+def median_run(group: Sequence[R], value: Callable[[R], float]) -> R:
     """Return the member in the middle, the lower one of two."""
     return sorted(group, key=value)[(len(group) - 1) // 2]
 

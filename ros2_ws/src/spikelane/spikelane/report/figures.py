@@ -198,9 +198,7 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
     yield _Figure('Task', 'state_input', f'State input, half way: {words}', draw_state)
 
 
-def _of_results(
-    runs: Sequence[TrainingRun] | Sequence[TransferRun], folder: Path
-) -> Iterator[_Figure]:
+def _of_results(runs: Sequence[TrainingRun | TransferRun], folder: Path) -> Iterator[_Figure]:
     """Yield what runs that learn have to show: of each group, the one in the middle."""
     for key, group in by_key(runs).items():
         run = median_run(group, lambda each: float(each.results.sort_key()))
