@@ -307,7 +307,9 @@ def bare_camera(graph) -> Camera:
 def test_without_a_lane_state_packets_alone_are_answered(
     bare_camera: Camera, observations: list[Observation]
 ) -> None:
-    """As for a real camera: one episode that never ends."""
+    """As for a real camera: one episode that never ends. The log says when it is ready."""
+    ready = 'ready: answers /bare/event_camera/events on /bare/wheel_velocities'
+    bare_camera.graph.until(lambda: ready in bare_camera.process.log, ready)
     assert bare_camera.show_all(observations) == in_process(observations, 0)[0]
     assert bare_camera.process.stop(signal.SIGTERM) == 0
 
@@ -328,7 +330,7 @@ def test_a_simulator_of_another_size_is_refused(graph) -> None:
     assert process.wait() == 2
     *before, last = process.log.splitlines()
     assert 'image of 128 x 128 px, as the controller wants, got 64 x 128 px' in last
-    assert all('waiting for observations' in line for line in before)
+    assert all('waiting for observations' in line or 'ready: ' in line for line in before)
 
 
 @pytest.mark.parametrize('numbers', [(signal.SIGINT, signal.SIGTERM), (15, 2)])

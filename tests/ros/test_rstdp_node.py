@@ -114,7 +114,9 @@ def test_it_trains_as_in_process(graph, simulator: list[Any], tmp_path: Path) ->
     weights = heard(graph, Weights, '/train/controller/weights', kept)
     node = start_training(graph, tmp_path / 'ros', steps=350)
     graph.until(lambda: node.status is not None, 'its end')
-    assert (node.status, node.log) == (0, '')
+    [said] = node.log.splitlines()
+    ready = 'ready: answers /train/event_camera/events on /train/wheel_velocities'
+    assert (node.status, said.rpartition(']: ')[2]) == (0, ready)
     assert same(tmp_path / 'ros', trained_arrays(tmp_path / 'inprocess', 350))
     facts = read_checkpoint(tmp_path / 'ros', 'rstdp').facts
     assert len(facts['terminations']) > 2

@@ -277,7 +277,9 @@ class ControllerNode(Node):
         return ()
 
     def _start(self) -> None:
-        """Begin to answer."""
+        """Say that the node is ready, and begin to answer."""
+        events, wheels = map(self.resolve_topic_name, (topic_names.EVENTS, topic_names.WHEELS))
+        self.get_logger().info(f'ready: answers {events} on {wheels}')
         self._observations.start()
 
     def _on_lane_state(self, lane: LaneState) -> None:
