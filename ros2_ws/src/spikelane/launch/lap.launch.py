@@ -20,6 +20,11 @@ def generate_launch_description() -> LaunchDescription:
             *graph.run_arguments(),
             *graph.controller_arguments(),
             graph.argument('lane', "outer or inner; empty: the course's first.", ''),
+            graph.flag(
+                'autostart',
+                'Whether the lap begins at once, or when simulator/reset is called.',
+                True,
+            ),
             graph.argument('max_steps', 'Steps of 50 ms that end the lap early; 0: none.', '0'),
             OpaqueFunction(function=start),
         ]
@@ -36,6 +41,7 @@ def start(context: LaunchContext) -> list[Any]:
         'episode.max_steps': arguments.number('max_steps'),
         'episode.no_progress_steps': NO_PROGRESS_STEPS,
         'end_after_episodes': 1,
+        'autostart': arguments.is_true('autostart'),
     }
     driving = [
         graph.simulator(arguments, name, lap),

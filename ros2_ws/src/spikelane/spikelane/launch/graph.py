@@ -105,6 +105,17 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
         argument('bag', 'Folder to record to, must not exist; empty: rosbag2_<date>-<time>.', ''),
         flag('record', 'Whether to record.', record),
         flag('viewer', 'Whether to show it all in the browser; Ctrl-C ends then.', False),
+        argument(
+            'wait_for_subscribers',
+            'Subscribers that event_camera/events and wheel_velocities must have before anything '
+            'is published, those of this launch included; 0: those of this launch alone.',
+            '0',
+        ),
+        argument(
+            'history_depth',
+            'Messages kept for a subscriber that is late, as of ros2 bag record; 0: as usual.',
+            '0',
+        ),
     ]
 
 
@@ -150,7 +161,7 @@ def simulator(
     file = Path(arguments.text('simulator_file') or shipped)
     seed = {'seed': arguments.number('seed')}
     waiting, _ = meeting_parameters(driver, is_recorded=arguments.is_true('record'))
-    parameters = [_in_file(file, 'simulator'), seed, waiting, others]
+    parameters = [_in_file(file, 'simulator'), seed, waiting, _for_others(arguments), others]
     return _node(arguments, 'simulator', namespace, parameters)
 
 
@@ -177,7 +188,15 @@ def controller(
     _, waiting = meeting_parameters(name, is_recorded=arguments.is_true('record'))
     # Another package need not have a file of defaults.
     file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
-    return _node(arguments, name, namespace, [file, weights, seed, waiting, others])
+    parameters = [file, weights, seed, waiting, _for_others(arguments), others]
+    return _node(arguments, name, namespace, parameters)
+
+
+def _for_others(arguments: Arguments) -> dict[str, int]:
+    """Return the parameters with which nodes wait for subscribers from outside the launch."""
+    names = ('wait_for_subscribers', 'history_depth')
+    given = {name: arguments.number(name) for name in names if arguments.text(name)}
+    return {name: number for name, number in given.items() if number}
 
 
 def recorder(
