@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.report.kinds import LearntFacts
 from spikelane.runs.input_files import transferred_controller
+from spikelane.runs.lap.config import LIMITS
 from spikelane.runs.train.config import training_defaults
 from spikelane.runs.transfer.config import source_of
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -154,12 +155,21 @@ def _chosen(group: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
-    """Return what is usual for a group in a training or a transfer, and not where laps are."""
+    """Return what is usual for a group in this kind of run, where that is not the default."""
     usual: Mapping[str, Any]
     if 'transfer' in config:
         usual = transfer_class(transferred_controller(config)).defaults
     elif 'training' in config or 'save_every' in config:  # a checkpoint's has its length aside
         usual = training_defaults(str(config['controller']))
+    elif group == 'simulator' and isinstance(given := config.get('given'), Mapping):
+        # Laps and evaluations have limits of their own unless the user gives others. Runs of
+        # earlier versions do not say what was given.
+        values = config['simulator']
+        return {
+            name: values[name]
+            for name in LIMITS
+            if name in values and f'simulator.{name}' not in given
+        }
     else:
         return {}
     return grouped(usual).get(group, {})

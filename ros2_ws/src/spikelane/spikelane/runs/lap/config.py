@@ -54,6 +54,10 @@ class LapConfig(Configuration):
         return cls(lane=course.lane(lane).name if lane else next(iter(course.lanes)), **parts)
 
 
+#: Parameters of the simulator that `limit_drive` sets where they are not given.
+LIMITS = ('episode.max_steps', 'episode.no_progress_steps')
+
+
 def limit_drive(
     simulator: SimulatorParameters, given: Collection[str], length_m: float
 ) -> SimulatorParameters:
@@ -66,9 +70,11 @@ def limit_drive(
     """
     episode = simulator.episode
     steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * STEP_S))
-    limits = {'max_steps': min(steps, 2**31 - 1), 'no_progress_steps': NO_PROGRESS_STEPS}
+    limits = zip(LIMITS, (min(steps, 2**31 - 1), NO_PROGRESS_STEPS), strict=True)
     missing = {
-        name: value for name, value in limits.items() if f'simulator.episode.{name}' not in given
+        name.removeprefix('episode.'): value
+        for name, value in limits
+        if f'simulator.{name}' not in given
     }
     return dataclasses.replace(simulator, episode=dataclasses.replace(episode, **missing))
 
