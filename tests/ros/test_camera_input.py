@@ -105,6 +105,16 @@ def test_diagnostics_tell_what_was_received_and_what_is_awaited(graph: Any) -> N
     node.destroy_publisher(publisher)
 
 
+def test_a_camera_of_another_name_is_counted(graph: Any) -> None:
+    """A remapped topic has a publisher: only what it publishes is missing."""
+    publisher = graph.node.create_publisher(EventPacket, '/named/camera/events', 10)
+    remapped = ('-r', '__ns:=/renamed', '-r', 'event_camera/events:=/named/camera/events')
+    process = graph.start('braitenberg', {'use_lane_state': 'false'}, *remapped)
+    graph.until(lambda: 'waiting for observations: ' in process.log)
+    assert 'no event packet that completes a step arrives from 1 publishers' in process.log
+    graph.node.destroy_publisher(publisher)
+
+
 def test_a_node_without_a_camera_says_so_within_5_s(graph: Any) -> None:
     """In one line."""
     process = graph.start('braitenberg', {}, '-r', '__ns:=/none')

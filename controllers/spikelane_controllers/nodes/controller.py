@@ -39,6 +39,7 @@ from spikelane_sim.nodes.meeting import Meeting
 from spikelane_sim.nodes.pairing import StampGroups
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
+from spikelane_sim.nodes.waiting import publishers_of
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
@@ -245,7 +246,7 @@ class ControllerNode(Node):
         """Return what was received and what is lacking for the next step."""
         if self._is_answered and not self._is_sent and self._meeting.waits_for:
             return f'waiting for {self._meeting.waits_for}'
-        publishers = self.count_publishers(topic_names.EVENTS)
+        publishers = publishers_of(self, topic_names.EVENTS)
         received = f'received {self._received} event packets'
         if self._settings.use_lane_state:
             received += f' and {self._lane_states} lane states'
@@ -260,7 +261,7 @@ class ControllerNode(Node):
         elif self._settings.use_lane_state:
             lanes = topic_names.LANE_STATE
             lacks = (
-                f'no {lanes} ({self.count_publishers(lanes)} publishers) has the stamp '
+                f'no {lanes} ({publishers_of(self, lanes)} publishers) has the stamp '
                 'of a packet; a camera publishes no lane states: use_lane_state:=false'
             )
         else:

@@ -20,6 +20,7 @@ from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.topics import SimulatorTopics
+from spikelane_sim.nodes.waiting import publishers_of
 from spikelane_sim.parameters import parameter
 from spikelane_sim.run_state import Publish
 from spikelane_sim.simulator import Simulator
@@ -94,7 +95,7 @@ class SimulatorNode(Node):
             Publish(
                 self._publish,
                 lambda: self._meeting.is_open,
-                lambda: self.count_publishers(topic_names.WHEELS) > 0,
+                lambda: publishers_of(self, topic_names.WHEELS) > 0,
             ),
             seed=settings.seed,
             lane=settings.lane or None,
@@ -150,7 +151,7 @@ class SimulatorNode(Node):
         """
         is_awaited = self._stepper.is_awaited
         is_cut_short = self._stepper.quit()
-        is_driven = self._settings.mode == 'lockstep' and self.count_publishers(topic_names.WHEELS)
+        is_driven = self._settings.mode == 'lockstep' and publishers_of(self, topic_names.WHEELS)
         if is_awaited or (is_cut_short and is_driven):
             lane = self._simulator.lane_state
             when = 'before an episode'
@@ -211,7 +212,7 @@ class SimulatorNode(Node):
             self.get_logger().warning(
                 f'waiting for the recorder: it has not written the last '
                 f'{self._meeting.window.steps_ahead} steps; '
-                f'{self.count_publishers(topic_names.RECORDER_STATE)} publishers of '
+                f'{publishers_of(self, topic_names.RECORDER_STATE)} publishers of '
                 f'{topic_names.RECORDER_STATE} are there'
             )
         elif self._stepper.lacks_subscribers:
@@ -222,7 +223,7 @@ class SimulatorNode(Node):
         elif self._stepper.is_waiting:
             self.get_logger().warning(
                 f'waiting for {topic_names.WHEELS} with stamp {self._simulator.time_ns} ns; '
-                f'{self.count_publishers(topic_names.WHEELS)} publishers are there'
+                f'{publishers_of(self, topic_names.WHEELS)} publishers are there'
             )
 
 

@@ -12,6 +12,11 @@ _FIRST_AFTER = 4  # looks without progress
 _AGAIN_AFTER = 20  # further looks
 
 
+def publishers_of(node: Node, topic: str) -> int:
+    """Return how many publishers a topic has, under the name that the node remaps it to."""
+    return int(node.count_publishers(node.resolve_topic_name(topic)))
+
+
 class WaitingWarnings:
     """Warns after 4 s without progress, and every 20 s from then on until there is some."""
 

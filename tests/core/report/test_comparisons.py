@@ -94,7 +94,7 @@ def test_settings_and_courses_without_room_are_named(tmp_path: Path) -> None:
     assert LeftOut('Deviation, R-STDP, scenario 1 (c_r 9), outer lane', why) in named
     assert LeftOut('Deviation, R-STDP, scenario 1 (c_r 10), outer lane', why) in named
     assert not any('c_r 8' in each.what for each in named)
-    assert LeftOut('Deviation on d', "3 courses beside the paper's are drawn") in named
+    assert LeftOut('Deviation on d', "3 courses are drawn in addition to the paper's") in named
     why = 'each lap is on a course of its own'
     assert LeftOut('Deviation on random courses', why) in named
     why = 'counted of laps driven in one process, of which none is among these'

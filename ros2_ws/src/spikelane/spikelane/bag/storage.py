@@ -25,7 +25,7 @@ from spikelane_sim.errors import BagError, one_line
 _HEADS = {MAGIC: 'mcap', b'SQLite format 3\0': 'sqlite3'}
 _ENDINGS = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _COMPRESSED = '.zstd'
-#: SQLite keeps beside a database what has not been written into it yet.
+#: SQLite keeps in a file next to a database what has not been written into it yet.
 _LEFT_BESIDE = ('-wal', '-journal')
 _HEAD_BYTES = 32
 _NAMED = 4  # names in a message at most

@@ -1,6 +1,6 @@
 """Writing bags in the exact shape of rosbag2 (Jazzy, MCAP storage).
 
-`<folder>/<name>_0.mcap` with metadata.yaml beside it. A recording that is killed leaves every
+`<folder>/<name>_0.mcap` with metadata.yaml next to it. A recording that is killed leaves every
 flushed chunk, and a metadata.yaml (renewed at every flush) that names the files and counts what
 is in them, so that rosbag2 can play them and `BagReader` reads them.
 """

@@ -96,9 +96,9 @@ def run(options: argparse.Namespace) -> int:
     if not options.controller:
         return _become_viewer(options)
     if options.train and (options.checkpoint or options.lane):
-        raise ParameterError('--checkpoint, --lane: expected no --train beside them')
+        raise ParameterError('--checkpoint, --lane: expected no --train together with them')
     if options.domain is not None or options.namespace:
-        raise ParameterError('--domain, --namespace: expected no --controller beside them')
+        raise ParameterError('--domain, --namespace: expected no --controller together with them')
     if options.transport != 'ros':
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
     for node in ('viewer', 'simulator', options.controller):
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
 def _become_viewer(options: argparse.Namespace) -> int:
     """Become the node, which prints the address."""
     if options.train or options.checkpoint or options.once:
-        raise ParameterError('--train, --checkpoint, --once: expected --controller beside them')
+        raise ParameterError('--train, --checkpoint, --once: expected --controller, too')
     executable = str(find_executable('viewer'))
     command = [executable, '--ros-args']
     command += ['-p', f'web_port:={options.port}', '-p', f'grpc_port:={options.data_port}']

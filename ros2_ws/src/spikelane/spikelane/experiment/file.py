@@ -225,7 +225,7 @@ def _near(name: str, specs: Mapping[str, ParameterSpec]) -> list[str]:
 def _known_parameters(
     controllers: Iterable[str], tasks: Iterable[str]
 ) -> dict[str, ParameterSpec]:
-    """Return the parameters of controllers, and of what tasks have beside those of all."""
+    """Return the parameters of controllers, and those that only tasks have."""
     groups: dict[str, type[Parameters]] = {}
     for controller in controllers:
         groups |= controller_groups(controller)

@@ -52,7 +52,7 @@ class _EvaluationMetrics(TypedDict, total=False):
     operations: dict[str, float] | None
 
 
-#: What is used of the metrics of a task's runs, beside numbers.
+#: What is used of the metrics of a task's runs, in addition to numbers.
 _METRICS = {'train': _TrainingMetrics, 'evaluate': _EvaluationMetrics}
 
 

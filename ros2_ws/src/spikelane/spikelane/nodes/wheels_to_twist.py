@@ -26,7 +26,7 @@ from spikelane_sim.messages import WHEEL_JOINTS, wheels_from_message
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.status_publisher import StatusPublisher
-from spikelane_sim.nodes.waiting import WaitingWarnings
+from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.robots.differential_drive import BodyVelocity, DriveGeometry, read_geometry
 
@@ -248,12 +248,12 @@ class WheelsToTwist(Node):
     def _lacks(self) -> str:
         if self._geometry is None:
             topic = topic_names.ROBOT_DESCRIPTION
-            count = self.count_publishers(self.resolve_topic_name(topic))
+            count = publishers_of(self, topic)
             return (
                 f'waiting for {topic}, which says how large the wheels are; {count} publishers '
                 'are there (or give wheel_radius_m and track_m, or urdf_file)'
             )
-        count = self.count_publishers(self.resolve_topic_name(topic_names.WHEELS))
+        count = publishers_of(self, topic_names.WHEELS)
         return f'waiting for {topic_names.WHEELS}; {count} publishers are there'
 
     def _publish_status(self) -> None:

@@ -53,7 +53,7 @@ def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
         others.remove(RANDOM_COURSES)
         yield LeftOut('Deviation on random courses', 'each lap is on a course of its own')
     if others:
-        why = f"{MOST_OTHER_COURSES} courses beside the paper's are drawn"
+        why = f"{MOST_OTHER_COURSES} courses are drawn in addition to the paper's"
         yield LeftOut(f'Deviation on {", ".join(others)}', why)
     for place in chosen:
         if place not in shown and place.key.scenario in scenarios:

@@ -33,7 +33,7 @@ from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
-from spikelane_sim.nodes.waiting import WaitingWarnings
+from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
 from spikelane_sim.sensor import Sensor
 
@@ -142,7 +142,7 @@ class ReplayNode(Node):
         has_subscribers = (
             self._events.get_subscription_count() >= self._settings.wait_for_subscribers
         )
-        if not has_subscribers or not self.count_publishers(topic_names.WHEELS):
+        if not has_subscribers or not publishers_of(self, topic_names.WHEELS):
             return
         self._looking.cancel()
         if self._joints.get_subscription_count() and not self._drive.has_encoders:
@@ -255,7 +255,7 @@ class ReplayNode(Node):
                 f'waiting for {self._settings.wait_for_subscribers} subscribers of '
                 f'{topic_names.EVENTS} and a publisher of {topic_names.WHEELS}; '
                 f'{self._events.get_subscription_count()} and '
-                f'{self.count_publishers(topic_names.WHEELS)} are there'
+                f'{publishers_of(self, topic_names.WHEELS)} are there'
             )
         if self._pending:
             return f'waiting for {topic_names.WHEELS} with stamp {next(iter(self._pending))} ns'
