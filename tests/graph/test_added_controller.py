@@ -302,6 +302,15 @@ def test_the_checks_of_the_page_pass(workspace: Path) -> None:
     ]
 
 
+def test_it_has_a_reference_of_its_parameters(workspace: Path) -> None:
+    """Those of its own class and of its training, by `spikelane parameters`."""
+    ended = run_python(workspace, '-m', 'spikelane.main', 'parameters', 'learning_balance')
+    assert ended.returncode == 0, ended.stderr
+    names = re.findall(r'^\| `([^`]*)` \|', ended.stdout, re.M)
+    assert {name.partition('.')[0] for name in names} == {'learning_balance', 'training'}
+    assert 'training.steps' in names
+
+
 def test_a_difference_between_processes_is_found_over_ros(workspace: Path) -> None:
     """By the lap and by the training; nothing else is wrong with it."""
     check = ('-m', 'spikelane.main', 'check', 'by_process', '--transport', 'ros', '--json')

@@ -31,6 +31,7 @@ COMMANDS = {
     'course': 'check a course, describe it and draw it',
     'check': 'test a controller against the whole contract',
     'view': 'show in the browser what a robot does',
+    'parameters': 'list the parameters of a controller or of the simulator',
     'node': 'run one node of the graph',
     'bench': 'measure how fast everything is',
 }
