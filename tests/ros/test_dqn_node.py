@@ -97,7 +97,11 @@ def test_it_trains_as_in_process(graph, trained: Path, tmp_path: Path) -> None:
     }
     node = graph.start('dqn', parameters, *remapped)
     graph.until(lambda: node.status is not None, 'its end')
-    assert (node.status, node.log) == (0, '')
+    ready = 'ready: answers /train/event_camera/events on /train/wheel_velocities'
+    assert node.status == 0
+    [line] = node.log.splitlines()
+    assert line.startswith('[INFO]')
+    assert line.endswith(ready)
     got, expected = (read_checkpoint(path, 'dqn') for path in (tmp_path, trained))
     for name, value in expected.arrays.items():
         assert got.arrays[name].tobytes() == value.tobytes(), name
