@@ -188,6 +188,7 @@ def test_a_real_cameras_events_are_filtered_as_in_process(graph, camera_bag: Pat
     assert result['events'] == expected['events']
     assert expected['events']['passed'] == 3135
     assert 0 < expected['events']['kept'] <= 3135
-    graph.until(lambda: said and int(said[-1]['events_in']) == 82469, 'the count of all events')
-    assert int(said[-1]['events_out']) == 3135
+    # Nodes of other tests, in other namespaces, have the same name in the diagnostics.
+    counts = {'events_in': '82469', 'events_out': '3135'}
+    graph.until(lambda: any(counts.items() <= v.items() for v in said), 'the count of all events')
     assert any(0 < float(v['events_out_per_s']) < float(v['events_in_per_s']) for v in said)
