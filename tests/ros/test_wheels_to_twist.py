@@ -116,6 +116,14 @@ def test_wheel_velocities_become_a_twist(driven: Driven) -> None:
     driven.until_said('they mean 1 m/s and 0 rad/s; limited')
 
 
+def test_a_second_controller_is_named(driven: Driven) -> None:
+    """Two of them would make the robot jerk from one to the other."""
+    second = driven.node.create_publisher(WheelVelocities, f'{driven.space}/wheel_velocities', 10)
+    expected = f'{driven.space}/wheel_velocities: expected one publisher, got 2: /test (2 '
+    driven.until_said(expected)
+    driven.node.destroy_publisher(second)
+
+
 def test_what_is_not_finite_stops_the_robot(driven: Driven) -> None:
     """It is told, and what comes next is driven."""
     driven.drive(2.0, 2.0, forward=0.2)

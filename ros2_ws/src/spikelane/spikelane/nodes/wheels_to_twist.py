@@ -25,6 +25,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.messages import WHEEL_JOINTS, wheels_from_message
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
+from spikelane_sim.nodes.sole_publishers import SolePublishers
 from spikelane_sim.nodes.status_publisher import StatusPublisher
 from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
@@ -115,6 +116,7 @@ class WheelsToTwist(Node):
         self._clock = self.get_clock() if is_simulated else steady
         self._geometry = self._find_geometry()
         self.create_subscription(WheelVelocitiesMessage, topic_names.WHEELS, self._on_wheels, _QOS)
+        SolePublishers(self, (topic_names.WHEELS,)).look_regularly()
         self._waiting = WaitingWarnings(self, lambda: self._counts['published'], self._lacks)
         self.create_timer(_LOOK_PERIOD_S, self._look, clock=steady)
         self.create_timer(_STATUS_PERIOD_S, self._publish_status, clock=steady)
