@@ -47,8 +47,8 @@ def setup_arguments(name: str, nodes: Mapping[str, str]) -> dict[str, Any]:
     """Return the arguments of setuptools' `setup` for a ROS package.
 
     Args:
-        name: Of the package, and of the folder of its modules. It is in the current folder, with
-            the modules that have no package.
+        name: Name of the package and of the folder with its modules. The folder is in the current
+            one, as are the modules that have no package.
         nodes: Executables that only ROS has, with their functions.
     """
     whole = project()

@@ -138,7 +138,7 @@ class Drives:
     """Makes drives, and bags of them.
 
     Attributes:
-        types: Of the messages.
+        types: Types of the messages.
         said: Makes a message on the graph.
     """
 
@@ -160,9 +160,9 @@ class Drives:
 
         Args:
             controller: Its name, or a controller that is ready.
-            seed: Of everything.
+            seed: Seed of all randomness.
             episodes: Steps of each.
-            parameters: Of the controller.
+            parameters: Parameters of the controller.
             from_time_zero: Whether simulation time begins again with each episode.
         """
         if isinstance(controller, str):

@@ -61,7 +61,7 @@ class PaperValue(NamedTuple):
     """One result of the paper.
 
     Attributes:
-        scenario: Of the paper, '1' to '3'.
+        scenario: A scenario of the paper, '1' to '3'.
         measure: Name of what was measured, as in the metrics.
         value: The value in that measure's unit; None where the paper says it in words alone.
         words: The value as the report shows it.
@@ -79,7 +79,7 @@ class Aim(NamedTuple):
     """What a controller is to reach in a scenario; a report says whether it does.
 
     Attributes:
-        scenario: Of the paper, '1' to '3'.
+        scenario: A scenario of the paper, '1' to '3'.
         measure: As in PaperValue.
         value: The value that is aimed at, in that measure's unit.
         setting: As the report names the setting that it is aimed at with, '' for the paper's;

@@ -23,7 +23,7 @@ _WORDS = {
     type(None): 'nothing',
 }
 _LARGEST = 2**63  # of whole numbers
-#: Of numbers: no quantity comes near it, and its square is still a number.
+#: The largest number that is accepted: no quantity comes near it, and its square is finite.
 _BEYOND = 1e100
 
 
@@ -42,7 +42,7 @@ def check_kind(value: Any, kind: Any, name: str = '') -> Any:
             str, None, Any, `list[kind]`, `dict[str, kind]`, a union of these, a TypedDict (a
             mapping with its fields, perhaps with others), or a NamedTuple (a mapping with its
             fields and no others; those with a default may be missing).
-        name: Of the value, for the message; '' for all that a file holds.
+        name: Name of the value, for the message; '' for all that a file holds.
 
     Returns:
         The value as it is.

@@ -32,7 +32,7 @@ class Row(NamedTuple):
 
     @property
     def controller(self) -> str:
-        """Of which the row tells the training."""
+        """Return the controller whose training the row describes."""
         return 'dqn' if self.heading == 'Deep Q-learning' else 'rstdp'
 
 

@@ -16,7 +16,7 @@ MODULES = [
     if 'rclpy' in path.read_text('utf-8') and str(path.relative_to(ROOT)) != ONLY
 ]
 
-#: Of named tuples and of the standard library.
+#: Names with an underscore that named tuples and the standard library have in public.
 PUBLIC = ('_replace', '_asdict', '_fields', '_exit')
 COMPILED = re.compile(r'rclpy\.(impl\b|guard_condition$)')
 

@@ -32,7 +32,7 @@ EVERY_STEP = (
     '/tf',
     '/wheel_velocities',
 )
-#: Of the official definitions, and of std_msgs.
+#: Hashes of the official definitions, and of std_msgs.
 HASHES = {
     '/event_camera/events': (
         'RIHS01_d6fa176260b1f37e5a40845305315e150a0f18191241eb64f407442aa29844aa'
@@ -153,7 +153,7 @@ def test_another_reader_sees_the_same_steps(short: Lap) -> None:
 
 
 def test_type_hashes_are_the_official_ones(short: Lap) -> None:
-    """Of each message whose definition is not ours."""
+    """They are those of the official definitions, for each message that is not ours."""
     listed = short.listed_topics()
     hashes = {name: listed[name]['topic_metadata']['type_description_hash'] for name in HASHES}
     assert hashes == HASHES

@@ -60,7 +60,7 @@ def viewing(folder: Path, *what: str) -> Iterator[View]:
     """Run the command until it waits for Ctrl-C.
 
     Args:
-        folder: Of its output.
+        folder: Folder of its output.
         what: Is done before the viewer's eyes.
     """
     command = [sys.executable, '-m', 'spikelane.main', 'view', '--port', '0', '--data-port', '0']

@@ -42,7 +42,7 @@ class NodeProcess:
 
     @property
     def name(self) -> str:
-        """Of its log, and so of the node and of when it was started."""
+        """Return the name of its log, which has the node and the order of the starts."""
         return self._log.stem
 
     @property

@@ -46,7 +46,7 @@ class Watched:
 
     @property
     def values(self) -> dict[str, str]:
-        """Of the last diagnostics."""
+        """Return the values of the last diagnostics."""
         if not self.diagnostics:
             return {}
         return {pair.key: pair.value for pair in self.diagnostics[-1].values}

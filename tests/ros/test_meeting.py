@@ -160,7 +160,7 @@ def until_received(graph: Any, *publishers: Publisher) -> None:
 def test_what_is_lacking_at_the_end_is_named(
     graph: Any, said: Publisher, tmp_path: Path, topic: str, first: int, last: int, lost: int
 ) -> None:
-    """Of one topic alone, where no gap shows it."""
+    """A loss on one topic alone, where no gap shows it."""
     publisher = graph.node.create_publisher(Float64, topic, 10)
     recorder = graph.start('recorder', {'output': tmp_path / 'bag', 'topics': f'[{topic}]'})
     graph.until(publisher.get_subscription_count, 'the recorder')

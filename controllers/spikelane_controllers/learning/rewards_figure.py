@@ -19,7 +19,7 @@ class Reward(NamedTuple):
 
     Attributes:
         of: Distance right of the lane's centre [m] to reward.
-        colour: Of its line.
+        colour: Colour of the line.
         label: In the legend, '' for none.
     """
 

@@ -23,7 +23,7 @@ class TransferRequest(NamedTuple):
         source: Name of the controller that has learnt.
         checkpoint: Its weights: the name of shipped ones, or the path of a training's folder or
             of a checkpoint.
-        seed: Of all randomness.
+        seed: Seed of all randomness.
         simulator: Where states are gathered.
         parameters: The transfer's own parameters, by the name of their group.
         from_training: Whether the states met in the training are used too.

@@ -113,7 +113,7 @@ class FilterStage:
         """Return those of the next events that pass.
 
         Args:
-            events: Of one packet or step, in the order of time, inside the image, (N,).
+            events: Events of one packet or step, in the order of time, inside the image, (N,).
         """
         self.events_in += len(events)
         if self._filters and len(events):

@@ -198,7 +198,7 @@ def drive_step(body, state, left, right, substeps, poses):  # type: ignore[no-un
         state: x, y, heading [rad], v [m/s], w [rad/s] and the wheels' angles [rad], (7,);
             changed in place.
         left: Velocity asked of the left wheel [rad/s].
-        right: Of the right one.
+        right: The same for the right wheel.
         substeps: Steps of the physics from one pose to the next.
         poses: Where the poses go, as `contract.Robot.step` returns them, (n, 7).
     """

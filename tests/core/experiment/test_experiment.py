@@ -76,7 +76,7 @@ class Experiment:
     """An experiment in a folder, by the command.
 
     Attributes:
-        folder: Of the experiment.
+        folder: Folder of the experiment.
     """
 
     def __init__(self, folder: Path, text: str = TINY) -> None:

@@ -88,7 +88,7 @@ def drive(
             `make_controller` returns.
         scenario: The paper's 1, 2 or 3, the path of a course file, or 'random:SEED'.
         lane: 'outer' or 'inner'; None for the course's first.
-        seed: Of all randomness.
+        seed: Seed of all randomness.
         checkpoint: Weights, as in `make_controller`; None for those shipped for the scenario.
         robot: 'p3dx' or 'turtlebot4'; None for the first.
         engine: 'pybullet' or 'kinematic', what moves the robot; None for the first.
@@ -130,7 +130,7 @@ def train(
     Args:
         controller: 'rstdp', 'dqn' (which needs PyTorch), or one that another package registers.
         scenario: As in `drive`.
-        seed: Of all randomness.
+        seed: Seed of all randomness.
         steps: Steps of 50 ms to drive, of the deep Q-network's actions of 0.5 s; None for as many
             as usual.
         robot: As in `drive`.

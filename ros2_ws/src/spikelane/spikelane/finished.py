@@ -174,7 +174,7 @@ def load_run(folder: str | Path) -> Run:
     """Return a run from the folder that it left.
 
     Args:
-        folder: Of a lap, a training, an evaluation, a transfer or a replay.
+        folder: Folder of a lap, a training, an evaluation, a transfer or a replay.
 
     Raises:
         RunError: It is no folder of a run, or of one that is not over.

@@ -33,7 +33,7 @@ LEVEL = 0.95
 #: median in only 1 - 2 / 2^5 = 93.75 % of cases.
 LEAST_FOR_MEDIAN = 6
 
-#: Of each of the two tests whether a difference is small.
+#: Level of each of the two tests whether a difference is small.
 _ONE_SIDED = 0.05
 
 _RESAMPLES = 9_999

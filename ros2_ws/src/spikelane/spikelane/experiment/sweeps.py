@@ -98,7 +98,7 @@ def swept_value(axis: str, name: str) -> float | str:
         name: As `read_sweep` made it.
 
     Returns:
-        A number, or the text of a value that is none.
+        The number, or the text where the value is not a number.
     """
     text = name.removeprefix(f'{axis.rpartition(".")[2]}-')
     try:

@@ -157,7 +157,7 @@ def _drawn_by(figure: Figure, path: Path, words: str, name: str) -> _Figure:
 
     Args:
         figure: The controller's.
-        path: Of its files, without ending.
+        path: Path of its files, without an ending.
         words: Behind the caption, '' for none.
         name: Title in the figure.
     """

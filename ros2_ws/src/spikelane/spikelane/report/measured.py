@@ -93,10 +93,10 @@ def laps_measured(
     """Return the mean of each unit's completed laps.
 
     Args:
-        laps: Of one controller, scenario, setting and lane.
+        laps: Laps of one controller, scenario, setting and lane.
         words: What is measured.
         quantity: How it is written.
-        value: Of the metrics of a lap.
+        value: Returns the measured value, given the metrics of a lap.
     """
     unit, units = units_of(laps)
     done = [(name, lap) for name, each in units.items() for lap in each if lap['completed']]

@@ -20,9 +20,9 @@ class ReportedRun:
 
     Attributes:
         controller: Name in the controllers' registry.
-        scenario: Of the paper, '1' to '3', or a course file's name; RANDOM_COURSES of laps of an
-            evaluation on many of them.
-        seed: Of the run.
+        scenario: A scenario of the paper, '1' to '3', or a course file's name; RANDOM_COURSES for
+            the laps of an evaluation on many of them.
+        seed: Seed of the run.
         setting: How its parameters differ from the paper's, in words, or what that is named;
             '' where they do not.
         folder: Where it is.
@@ -97,7 +97,7 @@ class NamedSetting(NamedTuple):
 
     Attributes:
         controller: Name in the controllers' registry.
-        kind: Of the runs that have it, in words.
+        kind: Kind of the runs that have it, in words.
         name: Theirs for it.
         words: How its parameters differ from the paper's.
     """
@@ -114,14 +114,14 @@ class Runs:
 
     Attributes:
         laps: Driven without learning.
-        trainings: Of controllers that learn.
-        transfers: Of policies.
-        conditions: Of experiments that have them.
-        swept: Of experiments that sweep parameters.
+        trainings: Trainings of controllers.
+        transfers: Transfers of policies.
+        conditions: Results of experiments that have conditions.
+        swept: Results of experiments that sweep parameters.
         left_out: What cannot be used.
         variants: What experiments call the settings of their runs, by the runs' folders.
         settings: What names stand for that runs have for a setting.
-        listed: Of experiments, by their folders: names of the folders of runs, by the runs'.
+        listed: For each folder of an experiment, the folders of its runs by their names.
     """
 
     laps: list[Lap] = dataclasses.field(default_factory=list)

@@ -21,7 +21,7 @@ def run_folder(
     Args:
         options: `out`, `json` and `command_line`; `resume` where the command has it.
         config: What determines the run.
-        unit: Of what progress is shown as.
+        unit: Unit in which progress is shown.
 
     Raises:
         SpikelaneError: The run cannot be started or resumed.

@@ -218,7 +218,7 @@ class RunFolder:
         """Read a JSON file of the folder.
 
         Args:
-            name: Of the file.
+            name: Name of the file.
             kind: What it must be, as in `kinds.check_kind`.
             check: Checks relations between its values; raises KindError.
 

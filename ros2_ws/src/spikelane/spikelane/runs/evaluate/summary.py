@@ -64,7 +64,7 @@ def check_lap(row: Mapping[str, Any], name: str = '') -> None:
 
     Args:
         row: Its metrics, whose kinds are checked.
-        name: Of the lap in the file, with a point after it.
+        name: Name of the lap in the file, with a point after it.
 
     Raises:
         KindError: Its steps are negative, or it is completed and has no time.

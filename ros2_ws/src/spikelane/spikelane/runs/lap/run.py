@@ -95,10 +95,10 @@ def drive_with(
 
     Args:
         controller: What drives.
-        parameters: Of the simulator.
+        parameters: Parameters of the simulator.
         filters: What events go through before the controller is given them.
         lane: Name of the lane.
-        seed: Of the simulator's and the controller's randomness.
+        seed: Seed of the randomness of the simulator and the controller.
         on_step: Called after every step.
     """
     recorder = TrajectoryRecorder()
