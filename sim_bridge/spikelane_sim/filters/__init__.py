@@ -100,7 +100,12 @@ class FilterStage:
             each.reset()
 
     def observe(self, observation: Observation) -> Observation:
-        """Return a simulator's observation with the events that pass."""
+        """Return a simulator's observation with the events that pass.
+
+        Without filters that is the observation itself, and nothing is counted.
+        """
+        if not self._filters:  # the usual case, in every step of a simulator
+            return observation
         self.begin_if_new(observation.lane)
         return observation._replace(events=self.filter(observation.events))
 

@@ -28,6 +28,14 @@ class ComparisonError(SpikelaneError):
     exit_status = 2
 
 
+class Completed(NamedTuple):
+    """How many units completed all their laps."""
+
+    whole: int
+    units: int
+    unit: str  # what a unit is
+
+
 class Row(NamedTuple):
     """One measure of one scenario."""
 
@@ -114,7 +122,7 @@ def _measured(path: Path, runs: Any) -> _Found:
     for key, laps in by_key(runs.laps).items():
         unit, units = units_of(laps)
         whole = sum(all(lap['completed'] for lap in each) for each in units.values())
-        found[key.scenario, 'all laps completed'] = (whole, len(units), unit)
+        found[key.scenario, 'all laps completed'] = Completed(whole, len(units), unit)
         for lane in dict.fromkeys(lap.lane for lap in laps):
             of_lane = [lap for lap in laps if lap.lane == lane]
             for _, words, measured_in, value in LAP_MEASURES:
@@ -143,8 +151,9 @@ def _rows(first: Mapping[Any, Any], second: Mapping[Any, Any]) -> Iterator[Row]:
         b = second.get((scenario, words))
         if b is None:
             continue
-        if isinstance(a, tuple) and len(a) == 3:
-            yield Row(scenario, words, a[2], PERCENT, difference_of_shares(a[:2], b[:2]))
+        if isinstance(a, Completed):
+            shares = difference_of_shares((a.whole, a.units), (b.whole, b.units))
+            yield Row(scenario, words, a.unit, PERCENT, shares)
         elif a.reached is not None and b.reached is not None:
             times = difference_of_times(a.values, a.reached, b.values, b.reached)
             yield Row(scenario, f'{words} (median)', a.unit, a.quantity, times)

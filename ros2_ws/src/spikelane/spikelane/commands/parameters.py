@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import json
 from typing import Any
 
+from spikelane.markdown import markdown_table
 from spikelane_controllers.registry import (
     controller_class,
     controller_names,
@@ -56,11 +57,7 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps({name: _facts(spec) for name, spec in _specs(groups)}))
         return 0
     print(f'# Parameters: {options.name}\n')
-    print(_row(_HEADER))
-    print(_row(('---',) * len(_HEADER)))
-    for name, spec in _specs(groups):
-        default = f'`{json.dumps(_plain(spec.default), ensure_ascii=False)}`'
-        print(_row((f'`{name}`', default, spec.allowed, spec.description, spec.source)))
+    print(markdown_table(_HEADER, [_cells(name, spec) for name, spec in _specs(groups)]))
     return 0
 
 
@@ -97,5 +94,7 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _row(cells: tuple[str, ...]) -> str:
-    return f'| {" | ".join((cell or _NOTHING).replace("|", chr(92) + "|") for cell in cells)} |'
+def _cells(name: str, spec: ParameterSpec) -> tuple[str, ...]:
+    default = json.dumps(_plain(spec.default), ensure_ascii=False)
+    source = spec.source or _NOTHING
+    return f'`{name}`', f'`{default}`', spec.allowed, spec.description, source

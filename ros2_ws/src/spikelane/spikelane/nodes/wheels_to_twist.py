@@ -16,13 +16,14 @@ import threading
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 from std_msgs.msg import String
 
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.messages import WHEEL_JOINTS, wheels_from_message
+from spikelane_sim.nodes.meeting import LATCHED
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.sole_publishers import SolePublishers
@@ -32,7 +33,6 @@ from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.robots.differential_drive import BodyVelocity, DriveGeometry, read_geometry
 
 _QOS = QoSProfile(depth=10)
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _LOOK_PERIOD_S = 0.05
 _STATUS_PERIOD_S = 1.0
 #: A robot may be told best-effort; after these the topic is left to others that may drive.
@@ -152,7 +152,7 @@ class WheelsToTwist(Node):
             except (ParameterError, UnicodeDecodeError) as error:
                 raise ParameterError(f'urdf_file: {settings.urdf_file}: {error}') from None
         self.create_subscription(
-            String, topic_names.ROBOT_DESCRIPTION, self._on_description, _LATCHED
+            String, topic_names.ROBOT_DESCRIPTION, self._on_description, LATCHED
         )
         return None
 

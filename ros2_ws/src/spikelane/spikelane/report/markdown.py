@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
+from spikelane.markdown import markdown_table
 from spikelane.report.groups import Table
 from spikelane.report.origin import MadeWith
 
@@ -14,7 +15,7 @@ def tables_in_markdown(tables: Iterable[Table], made: Iterable[MadeWith]) -> str
         '\n'.join(
             [
                 f'## {table.title}\n',
-                *map(_row, (table.header, ['---'] * len(table.header), *table.rows)),
+                markdown_table(table.header, table.rows),
                 *([f'\n{table.note}'] if table.note else []),
             ]
         )
@@ -25,7 +26,3 @@ def tables_in_markdown(tables: Iterable[Table], made: Iterable[MadeWith]) -> str
         for each in made
     )
     return '\n\n'.join(parts) + '\n'
-
-
-def _row(cells: Sequence[str]) -> str:
-    return f'| {" | ".join(cell.replace("|", chr(92) + "|") for cell in cells)} |'
