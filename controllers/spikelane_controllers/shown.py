@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import math
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, TYPE_CHECKING
 
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
+
+if TYPE_CHECKING:
+    from spikelane_controllers.quantities import Quantity, Sample
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class Shown(NamedTuple):
@@ -20,6 +27,8 @@ class Shown(NamedTuple):
         reward: Reward learnt from, NaN for none.
         operations: What its network computed, None where that is not counted.
         weights_pa: Its weights [pA] where they are few enough to be looked at, (neurons, inputs).
+        quantities: What it can record (`quantities`).
+        recorded: Samples of the quantities that it was told to record, by name.
     """
 
     neurons: tuple[str, ...] = ()
@@ -28,6 +37,8 @@ class Shown(NamedTuple):
     reward: float = math.nan
     operations: Operations | None = None
     weights_pa: NDArray[Any] | None = None
+    quantities: tuple[Quantity, ...] = ()
+    recorded: Mapping[str, Sample] = _NOTHING
 
 
 def shown_by(controller: object) -> Shown:

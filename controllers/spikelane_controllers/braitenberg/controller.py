@@ -9,6 +9,7 @@ the laps are like the paper's (see the deviations in the docs).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import dataclasses
 from typing import ClassVar
 
@@ -16,8 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
+from spikelane_controllers.quantities import Quantity, Sample
 from spikelane_controllers.shown import Shown
-from spikelane_controllers.spiking.network import DelayParameters, resting_state, run_network
+from spikelane_controllers.spiking.network import (
+    DelayParameters,
+    network_potentials,
+    NetworkState,
+    resting_state,
+    run_network,
+)
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
 from spikelane_controllers.spiking.poisson import (
     check_spikes,
@@ -25,7 +33,15 @@ from spikelane_controllers.spiking.poisson import (
     poisson_spikes,
     PoissonParameters,
 )
-from spikelane_controllers.spiking.spikes import spike_counts
+from spikelane_controllers.spiking.recorded import (
+    input_axis,
+    input_spikes_of,
+    neuron_axis,
+    potentials_of,
+    spike_times,
+    spikes_of,
+)
+from spikelane_controllers.spiking.spikes import spike_counts, Spikes
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     MOTOR_NEURONS,
@@ -120,6 +136,12 @@ def braitenberg_weights(parameters: BraitenbergParameters) -> NDArray[np.float64
     return mirrored(parameters.weights_pa, parameters.encoding.rows)
 
 
+def offered(encoding: EncodingParameters) -> tuple[Quantity, ...]:
+    """Return what the controller can record."""
+    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(encoding)
+    return spikes_of(neurons), input_spikes_of(inputs), potentials_of(neurons)
+
+
 class Braitenberg:
     """Controller of two neurons with static weights; see `contract.Controller`.
 
@@ -138,6 +160,8 @@ class Braitenberg:
         self.weights_pa = braitenberg_weights(self.parameters)
         self._constants = neuron_constants(self.parameters.neuron)
         self._delay = self.parameters.delays.steps
+        self._quantities = offered(self.parameters.encoding)
+        self._recording: frozenset[str] = frozenset()
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -147,6 +171,11 @@ class Braitenberg:
         self._steering = initial_steering(self.parameters.steering)
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
         self.operations = Operations()
+        self._recorded: dict[str, Sample] = {}
+
+    def record(self, names: Collection[str]) -> None:
+        """Begin to record quantities, of `shown.quantities`; see `quantities`."""
+        self._recording = frozenset(names)
 
     @property
     def shown(self) -> Shown:
@@ -156,6 +185,8 @@ class Braitenberg:
             spikes=self.spikes,
             operations=self.operations,
             weights_pa=self.weights_pa,
+            quantities=self._quantities,
+            recorded=self._recorded,
         )
 
     def step(self, observation: Observation) -> WheelVelocities:
@@ -163,12 +194,27 @@ class Braitenberg:
         counts = count_events(observation.events, self.parameters.encoding)
         counts[: -self.parameters.lowest_rows] = 0
         inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
+        before = self._network
         self._network, fired = run_network(
-            self._network, inputs, self.weights_pa, self._constants, self._delay
+            before, inputs, self.weights_pa, self._constants, self._delay
         )
+        if self._recording:
+            self._keep(before, inputs, fired)
         self.spikes = spike_counts(fired, len(self.neurons))
         # An input excites the neuron of its side alone.
         self.operations = Operations(decisions=1, synaptic=len(inputs))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
         return wheels
+
+    def _keep(self, before: NetworkState, inputs: Spikes, fired: Spikes) -> None:
+        """Keep what is to be recorded of a step that began with a state of the network."""
+        potentials = network_potentials(
+            before, inputs, self.weights_pa, self._constants, self._delay
+        )
+        samples: dict[str, Sample] = {
+            'spikes': spike_times(fired),
+            'input_spikes': spike_times(inputs),
+            'potentials': self.parameters.neuron.e_l_mv + potentials,
+        }
+        self._recorded = {name: samples[name] for name in self._recording}

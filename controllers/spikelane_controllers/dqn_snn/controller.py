@@ -7,6 +7,7 @@ the largest trace, which is chosen at each step of 50 ms.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import dataclasses
 from typing import ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_snn.integrate_and_fire import (
+    Fired,
     input_spikes,
     IntegrateAndFire,
     IntegrateAndFireParameters,
@@ -21,7 +23,17 @@ from spikelane_controllers.dqn_snn.integrate_and_fire import (
 )
 from spikelane_controllers.dqn_snn.transferred import InputScale, read_transferred
 from spikelane_controllers.operations import Operations
+from spikelane_controllers.quantities import Axis, Quantity, Sample
 from spikelane_controllers.shown import Shown
+from spikelane_controllers.spiking.recorded import (
+    input_axis,
+    input_spikes_of,
+    neuron_axis,
+    potentials_of,
+    spike_times,
+    spikes_of,
+)
+from spikelane_controllers.spiking.spikes import Spikes
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
 from spikelane_sim.events import no_events
@@ -96,6 +108,24 @@ def input_values(counts: Counts, per_event: float) -> NDArray[np.float32]:
     return values
 
 
+def offered(parameters: DqnSnnParameters, n_hidden: int) -> tuple[Quantity, ...]:
+    """Return what the controller can record; hidden neurons are 'hidden 0' and so on."""
+    hidden = [f'hidden {index}' for index in range(n_hidden)]
+    neurons, inputs = neuron_axis((*hidden, *ACTIONS)), input_axis(parameters.encoding)
+    steps = range(1, parameters.neurons.steps + 1)
+    return (
+        spikes_of(neurons),
+        input_spikes_of(inputs),
+        potentials_of(neurons, tuple(step * _grid_ns(parameters) for step in steps)),
+        Quantity('action_traces', 'traces of the actions', '1', (Axis('action', ACTIONS),)),
+    )
+
+
+def _grid_ns(parameters: DqnSnnParameters) -> int:
+    """Return the length of a time step of the neurons."""
+    return round(parameters.neurons.step_ms * 1e6)
+
+
 class DqnSnn:
     """Controller of a spiking network that has taken over a policy; see `contract.Controller`.
 
@@ -124,6 +154,8 @@ class DqnSnn:
         self._per_event = value_per_event(self.parameters, transferred.scale)
         self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
         self._image = StateImage(encoding)
+        self._quantities = offered(self.parameters, len(transferred.network.hidden_weights))
+        self._recording: frozenset[str] = frozenset()
         self.reset(np.random.default_rng(0))
         # So that what is compiled is ready before a simulator waits for the first answer.
         self.step(Observation(0, no_events(), None))
@@ -138,6 +170,11 @@ class DqnSnn:
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
         self.operations = Operations()
         self.action = -1
+        self._recorded: dict[str, Sample] = {}
+
+    def record(self, names: Collection[str]) -> None:
+        """Begin to record quantities, of `shown.quantities`; see `quantities`."""
+        self._recording = frozenset(names)
 
     @property
     def shown(self) -> Shown:
@@ -147,6 +184,8 @@ class DqnSnn:
             spikes=self.spikes,
             action=self.action,
             operations=self.operations,
+            quantities=self._quantities,
+            recorded=self._recorded,
         )
 
     def step(self, observation: Observation) -> WheelVelocities:
@@ -154,7 +193,7 @@ class DqnSnn:
         self._image.add(observation.events)
         values = input_values(self._image.counts, self._per_event)
         inputs = input_spikes(values, self.parameters.neurons, self._rng)
-        self._potentials, fired = self._network.run(self._potentials, inputs)
+        fired = self._run(inputs)
         hidden = len(fired.hidden)
         synaptic = len(inputs) * hidden + int(fired.hidden.sum()) * len(self.neurons)
         self.operations = Operations(decisions=1, synaptic=synaptic)
@@ -162,4 +201,21 @@ class DqnSnn:
         self.spikes = tuple(counts.tolist())
         self.traces = self.parameters.trace_decay * self.traces + counts
         self.action = int(np.argmax(self.traces))
+        if 'action_traces' in self._recording:
+            self._recorded['action_traces'] = self.traces[None]
         return action_wheels(self.action, self.parameters.actions)
+
+    def _run(self, inputs: Spikes) -> Fired:
+        """Run the network for a step, and keep what is to be recorded of its neurons."""
+        if not self._recording:
+            self._potentials, fired = self._network.run(self._potentials, inputs)
+            return fired
+        self._potentials, fired, watched = self._network.run_watched(self._potentials, inputs)
+        grid_ns = _grid_ns(self.parameters)
+        samples: dict[str, Sample] = {
+            'spikes': spike_times(watched.spikes, grid_ns),
+            'input_spikes': spike_times(inputs, grid_ns),
+            'potentials': watched.potentials,
+        }
+        self._recorded = {name: samples[name] for name in self._recording if name in samples}
+        return fired

@@ -92,6 +92,13 @@ class Fired(NamedTuple):
     output: NDArray[np.uint8]  # 0 or 1 in each time step, (steps, n_outputs)
 
 
+class Watched(NamedTuple):
+    """What all neurons did in a window of time, the hidden ones first."""
+
+    spikes: Spikes
+    potentials: NDArray[np.float64]  # after each time step, (steps, n_hidden + n_outputs)
+
+
 def resting_potentials(network: FeedForward) -> Potentials:
     """Return potentials of 0."""
     hidden, outputs = len(network.hidden_weights), len(network.output_weights)
@@ -166,6 +173,29 @@ class IntegrateAndFire:
             parameters.clamped,
         )
         return Potentials(*potentials_after), Fired(hidden, output)
+
+    def run_watched(
+        self, potentials: Potentials, spikes: Spikes
+    ) -> tuple[Potentials, Fired, Watched]:
+        """Run the network for a step of the simulator as `run` does, and watch every neuron.
+
+        It runs the time steps one by one, which makes no difference to what happens in them.
+        """
+        fired: list[Fired] = []
+        passed: list[Potentials] = []
+        for step in range(self.parameters.steps):
+            arriving = spikes[spikes['step'] == step].copy()
+            arriving['step'] = 0
+            potentials, each = self.run(potentials, arriving, 1)
+            fired.append(each)
+            passed.append(potentials)
+        hidden = np.stack([each.hidden for each in fired])
+        output = np.concatenate([each.output for each in fired])
+        steps, sources = np.nonzero(np.concatenate([hidden, output], axis=1))
+        found = np.empty(len(steps), SPIKE_DTYPE)
+        found['step'], found['source'] = steps, sources
+        watched = Watched(found, np.stack([np.concatenate(each) for each in passed]))
+        return potentials, Fired(hidden.sum(axis=0), output), watched
 
 
 @numba.njit(cache=True)

@@ -11,7 +11,7 @@ way live on. Only the steering restarts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import dataclasses
 import math
 from typing import Any, ClassVar
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
+from spikelane_controllers.quantities import Axis, Quantity, Sample
 from spikelane_controllers.rstdp.learnt_weights import read_weights
 from spikelane_controllers.saved_state import (
     array,
@@ -34,8 +35,8 @@ from spikelane_controllers.saved_state import (
 from spikelane_controllers.shown import Shown
 from spikelane_controllers.spiking.network import DelayParameters
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
+from spikelane_controllers.spiking.plastic_state_check import check_plastic_state
 from spikelane_controllers.spiking.plasticity import (
-    check_plastic_state,
     PlasticNetwork,
     PlasticState,
     resting_plastic_state,
@@ -48,7 +49,15 @@ from spikelane_controllers.spiking.poisson import (
     poisson_spikes,
     PoissonParameters,
 )
-from spikelane_controllers.spiking.spikes import GRID_MS, spike_counts
+from spikelane_controllers.spiking.recorded import (
+    input_axis,
+    input_spikes_of,
+    neuron_axis,
+    potentials_of,
+    spike_times,
+    spikes_of,
+)
+from spikelane_controllers.spiking.spikes import GRID_MS, spike_counts, Spikes
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     MOTOR_NEURONS,
@@ -133,6 +142,20 @@ class RStdpParameters(Parameters):
             )
 
 
+def offered(encoding: EncodingParameters) -> tuple[Quantity, ...]:
+    """Return what the controller can record."""
+    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(encoding)
+    synapses: tuple[Axis, ...] = (neurons, inputs)
+    return (
+        spikes_of(neurons),
+        input_spikes_of(inputs),
+        potentials_of(neurons),
+        Quantity('traces', 'eligibility traces c of the synapses', '1', synapses),
+        Quantity('dopamine', "dopamine n at a neuron's synapses", '1/ms', (neurons,), (0,)),
+        Quantity('weights', 'weights of the synapses', 'pA', synapses),
+    )
+
+
 class RStdp:
     """Controller of two neurons with synapses that learn; see `contract.Controller`.
 
@@ -163,6 +186,8 @@ class RStdp:
         self._constants = neuron_constants(self.parameters.neuron)
         self._rule = synapse_rule(self.parameters.synapse, self.parameters.delays)
         self._trained_pa = self._trained_weights()
+        self._quantities = offered(self.parameters.encoding)
+        self._recording: frozenset[str] = frozenset()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))
 
@@ -188,6 +213,11 @@ class RStdp:
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
         self.operations = Operations()
         self.reward = math.nan
+        self._recorded: dict[str, Sample] = {}
+
+    def record(self, names: Collection[str]) -> None:
+        """Begin to record quantities, of `shown.quantities`; see `quantities`."""
+        self._recording = frozenset(names)
 
     @property
     def shown(self) -> Shown:
@@ -198,6 +228,8 @@ class RStdp:
             reward=self.reward,
             operations=self.operations,
             weights_pa=self.weights_pa,
+            quantities=self._quantities,
+            recorded=self._recorded,
         )
 
     def step(self, observation: Observation) -> WheelVelocities:
@@ -208,7 +240,8 @@ class RStdp:
         self.reward = math.nan if lane is None else self.parameters.c_r * lane.distance_m
         dopamine = self.reward if self.learning and lane is not None else 0.0
         self._network.dopamine[:] = -dopamine, dopamine
-        self.spikes = spike_counts(self._network.run(inputs), len(self.neurons))
+        fired = self._run_recorded(inputs) if self._recording else self._network.run(inputs)
+        self.spikes = spike_counts(fired, len(self.neurons))
         self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
         left, right = self.spikes
         self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
@@ -246,6 +279,22 @@ class RStdp:
         self._network = self._in_progress(network)
         self._steering, self._rng = steering, rng
         self.spikes, self.learning = tuple(spikes.tolist()), learning
+
+    def _run_recorded(self, inputs: Spikes) -> Spikes:
+        """Run the network for a step, and keep what is to be recorded."""
+        network = self._network
+        dopamine = network.dopamine.copy()
+        fired, potentials = network.run_watched(inputs)
+        samples: dict[str, Sample] = {
+            'spikes': spike_times(fired),
+            'input_spikes': spike_times(inputs),
+            'potentials': self.parameters.neuron.e_l_mv + potentials,
+            'traces': network.eligibility[None],
+            'dopamine': dopamine[None],
+            'weights': network.weights_pa[None],
+        }
+        self._recorded = {name: samples[name] for name in self._recording}
+        return fired
 
     def _in_progress(self, state: PlasticState) -> PlasticNetwork:
         return PlasticNetwork(state, self._constants, self._rule)

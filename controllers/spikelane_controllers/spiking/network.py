@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.spiking.neuron import (
     advance_neuron,
     Constants,
+    membrane_potentials,
     NEURON_DTYPE,
     Neurons,
 )
@@ -90,6 +91,24 @@ def run_network(
     return NetworkState(neurons, in_flight), fired
 
 
+def network_potentials(
+    state: NetworkState,
+    inputs: Spikes,
+    weights_pa: NDArray[np.float64],
+    constants: Constants,
+    delay: int,
+    window: int = GRID_STEPS,
+) -> NDArray[np.float64]:
+    """Return the membrane potentials that `run_network` with the same arguments goes through.
+
+    Returns:
+        As `membrane_potentials` does.
+    """
+    spikes = _merge_spikes(state.in_flight, inputs)
+    arriving_pa, _ = _arriving(spikes, weights_pa, delay, window)
+    return membrane_potentials(state.neurons, arriving_pa, constants)
+
+
 @numba.njit(cache=True)
 def _merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
     """Return the spikes that a window has to do with, in the order of grid steps."""
@@ -109,6 +128,21 @@ def _keep_flying(spikes: Spikes, arrived: int, window: int) -> Spikes:
 
 
 @numba.njit(cache=True)
+def _arriving(
+    spikes: Spikes, weights_pa: NDArray[np.float64], delay: int, window: int
+) -> tuple[NDArray[np.float64], int]:
+    """Return what arrives at the neurons in each grid step [pA], and how many spikes do."""
+    arriving_pa = np.zeros((window, len(weights_pa)))
+    arrived = 0
+    while arrived < len(spikes) and spikes[arrived].step + delay < window:
+        spike = spikes[arrived]
+        for index in range(len(weights_pa)):
+            arriving_pa[spike.step + delay, index] += weights_pa[index, spike.source]
+        arrived += 1
+    return arriving_pa, arrived
+
+
+@numba.njit(cache=True)
 def _run(
     neurons: Neurons,
     in_flight: Spikes,
@@ -120,13 +154,7 @@ def _run(
 ) -> tuple[Neurons, Spikes, Spikes]:
     neurons = neurons.copy()
     spikes = _merge_spikes(in_flight, inputs)
-    arriving_pa = np.zeros((window, len(neurons)))
-    arrived = 0
-    while arrived < len(spikes) and spikes[arrived].step + delay < window:
-        spike = spikes[arrived]
-        for index in range(len(neurons)):
-            arriving_pa[spike.step + delay, index] += weights_pa[index, spike.source]
-        arrived += 1
+    arriving_pa, arrived = _arriving(spikes, weights_pa, delay, window)
     most = 1 + (window - 1) // (1 + constants[0].refractory)
     fired = np.empty(len(neurons) * most, SPIKE_DTYPE)
     firings = 0

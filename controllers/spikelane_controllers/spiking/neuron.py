@@ -55,6 +55,9 @@ CONSTANTS_DTYPE = np.dtype(
     ]
 )
 
+#: Grid steps between two samples of potentials: 1 ms.
+SAMPLE_STEPS = 10
+
 Neurons = NDArray[np.void]  # of NEURON_DTYPE, (n_neurons,)
 Constants = NDArray[np.void]  # of CONSTANTS_DTYPE, (1,)
 
@@ -167,3 +170,39 @@ def advance_neuron(
     if has_fired:
         potential, refractory = constants.reset_mv, constants.refractory
     return potential, current, slope, refractory, has_fired
+
+
+def membrane_potentials(
+    neurons: Neurons, arriving_pa: NDArray[np.float64], constants: Constants
+) -> NDArray[np.float64]:
+    """Return the potentials that a kernel took neurons through, as it does not keep them.
+
+    Args:
+        neurons: State at the window's start.
+        arriving_pa: Sum of the weights of the spikes that arrived at the end of each grid step,
+            (window, n_neurons).
+        constants: The neurons.
+
+    Returns:
+        Membrane potentials above E_L [mV] every `SAMPLE_STEPS` grid steps, the window's end
+        included, (window // SAMPLE_STEPS, n_neurons).
+    """
+    return np.asarray(_sample_potentials(neurons, arriving_pa, constants))
+
+
+@numba.njit(cache=True)
+def _sample_potentials(
+    neurons: Neurons, arriving_pa: NDArray[np.float64], constants: Constants
+) -> NDArray[np.float64]:
+    samples = np.empty((len(arriving_pa) // SAMPLE_STEPS, len(neurons)))
+    for index in range(len(neurons)):
+        neuron = neurons[index]
+        potential, current, slope = neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms
+        refractory = neuron.refractory
+        for step in range(len(arriving_pa)):
+            potential, current, slope, refractory, _ = advance_neuron(
+                potential, current, slope, refractory, arriving_pa[step, index], constants[0]
+            )
+            if (step + 1) % SAMPLE_STEPS == 0:
+                samples[step // SAMPLE_STEPS, index] = potential
+    return samples

@@ -35,13 +35,18 @@ as if it had been the new one's decay all along.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.network import DelayParameters
-from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
+from spikelane_controllers.spiking.neuron import (
+    Constants,
+    membrane_potentials,
+    NEURON_DTYPE,
+    Neurons,
+)
 from spikelane_controllers.spiking.plasticity_kernel import (
     NETWORK_DTYPE,
     POST_DTYPE,
@@ -59,7 +64,7 @@ from spikelane_controllers.spiking.spikes import (
     SPIKE_DTYPE,
     Spikes,
 )
-from spikelane_sim.errors import CheckpointError, ParameterError
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 
 _TABLE = 'table "Simulation parameters specification"'
@@ -276,6 +281,7 @@ class PlasticNetwork:
             synapses=np.zeros(state.weights_pa.shape, SYNAPSE_DTYPE),
             dopamine=state.dopamine.copy(),
             arriving_pa=np.zeros((window + scalars['delay'], neurons)),
+            arrived_pa=np.zeros((0, neurons)),
             posts=np.zeros((neurons, remembered + per_neuron), POST_DTYPE),
             flying=state.in_flight.copy(),
             fired=np.empty(neurons * per_neuron, SPIKE_DTYPE),
@@ -300,6 +306,11 @@ class PlasticNetwork:
         return self._work.synapses['weight_pa'].copy()
 
     @property
+    def eligibility(self) -> NDArray[np.float64]:
+        """Eligibility traces now, (n_neurons, n_inputs)."""
+        return self._work.synapses['eligibility'].copy()
+
+    @property
     def dopamine(self) -> NDArray[np.float64]:
         """Dopamine at each neuron's synapses now [1/ms], (n_neurons,); may be written to."""
         return self._work.dopamine
@@ -322,6 +333,22 @@ class PlasticNetwork:
             history=np.concatenate(history),
         )
 
+    def run_watched(self, inputs: Spikes) -> tuple[Spikes, NDArray[np.float64]]:
+        """Run a window as `run` does, and return the membrane potentials in it as well.
+
+        Returns:
+            The neurons' spikes, and their potentials as `membrane_potentials` returns them.
+        """
+        window = int(self._network[0]['window'])
+        if len(self._work.arrived_pa) != window:
+            arrived_pa = np.zeros((window, len(self._work.neurons)))
+            self._work = self._work._replace(arrived_pa=arrived_pa)
+            self._arguments = (*self._work, self._network, self._tables)
+        before = self._work.neurons.copy()
+        fired = self.run(inputs)
+        constants = self._network['neuron']
+        return fired, membrane_potentials(before, self._work.arrived_pa, constants)
+
     def run(self, inputs: Spikes) -> Spikes:
         """Run a window; inputs and what is returned are those of `run_plastic_network`."""
         needed = self._n_flying + len(inputs)
@@ -331,37 +358,3 @@ class PlasticNetwork:
         self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
         fired: Spikes = self._work.fired[:n_fired].copy()
         return fired
-
-
-def check_plastic_state(state: PlasticState, like: PlasticState, rule: SynapseRule) -> None:
-    """Check what the kernel relies on, in a state that was stored.
-
-    Args:
-        state: The state, its arrays of the same types as like's.
-        like: A state of the same network.
-        rule: The synapses.
-
-    Raises:
-        CheckpointError: It is not a state of such a network.
-    """
-    n_neurons, n_inputs = like.weights_pa.shape
-    scalars = rule.scalars[0]
-    earliest = -scalars['to_relay'] - scalars['interval']
-    in_flight, history = state.in_flight, state.history
-    stamps = [history['stamp'][history['source'] == i] for i in range(n_neurons)]
-    _expect(state.neurons.shape == like.neurons.shape, f'{n_neurons} neurons')
-    _expect(_is_within(state.weights_pa, scalars['w_min'], scalars['w_max']), 'weights in range')
-    _expect(_is_within(in_flight['source'], 0, n_inputs - 1), 'spikes in flight of its inputs')
-    _expect(_is_within(in_flight['step'], earliest, -1), 'spikes in flight that are still so')
-    _expect(bool((np.diff(in_flight['step']) >= 0).all()), 'spikes in flight in order')
-    _expect(_is_within(history['source'], 0, n_neurons - 1), 'spikes of its neurons')
-    _expect(all(_is_within(s, -np.inf, 0) and (np.diff(s) > 0).all() for s in stamps), 'a past')
-
-
-def _is_within(values: NDArray[Any], low: float, high: float) -> bool:
-    return bool(((values >= low) & (values <= high)).all())
-
-
-def _expect(is_met: bool, what: str) -> None:
-    if not is_met:
-        raise CheckpointError(f'state of the network: expected {what}')

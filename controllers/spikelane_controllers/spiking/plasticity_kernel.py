@@ -61,6 +61,8 @@ class Workspace(NamedTuple):
     synapses: NDArray[np.void]  # of SYNAPSE_DTYPE, (n_neurons, n_inputs)
     dopamine: NDArray[np.float64]  # n [1/ms], (n_neurons,)
     arriving_pa: NDArray[np.float64]  # at the neurons, (window + delay, n_neurons)
+    # What arrived in the last window, (window, n_neurons); (0, n_neurons) where nobody asks.
+    arrived_pa: NDArray[np.float64]
     # Spikes of each neuron that may still pair, in order, (n_neurons, most).
     posts: NDArray[np.void]
     flying: Spikes  # of inputs, not yet handed to the synapses
@@ -215,6 +217,7 @@ def run(
     synapses: NDArray[np.void],
     dopamine: NDArray[np.float64],
     arriving_pa: NDArray[np.float64],
+    arrived_pa: NDArray[np.float64],
     posts: NDArray[np.void],
     flying: Spikes,
     fired: Spikes,
@@ -260,6 +263,8 @@ def run(
     for i in range(number):
         dopamine[i] *= tables[rule.interval + window, 1]
         counts[i] = _forget(posts[i], counts[i], window, window - rule.delay - rule.interval)
+    for k in range(len(arrived_pa)):
+        arrived_pa[k] = arriving_pa[k]
     for k in range(rule.delay):
         arriving_pa[k] = arriving_pa[window + k]
     for k in range(handed, n_flying):
