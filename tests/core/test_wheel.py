@@ -12,6 +12,7 @@ import json
 import os
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
 from zipfile import ZipFile
@@ -231,6 +232,10 @@ def test_the_library_does_everything_without_ros(
         ['course', 'random:3'],
     ):
         run_anew(command, *words, cwd=tmp_path)
+    own = shutil.copytree(ROOT / 'docs/examples/balance', tmp_path / 'own')
+    run_anew(programs / 'python', '-m', 'pip', 'install', '-q', '-e', '.', cwd=own)
+    run_anew(command, *LAP, '--controller', 'balance', cwd=tmp_path)
+    run_anew(command, 'train', 'learning_balance', '--steps', '500', cwd=tmp_path)
     said = run_anew(programs / 'python', '-I', '-c', EPISODE, cwd=tmp_path)
     assert json.loads(said) == rewards_here()
     check_errors(command, tmp_path)

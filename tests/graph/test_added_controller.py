@@ -1,4 +1,4 @@
-"""Controllers of another package, the example in the docs: built, driven, taught."""
+"""Controllers of another package, the example in the docs: installed by pip, driven, taught."""
 
 from __future__ import annotations
 
@@ -27,61 +27,26 @@ DEADLINE_S = 250
 
 Run = Callable[..., dict[str, Any]]
 
-#: Another package: two controllers that break the contract, and what every package has.
+#: Another package: two controllers that break the contract.
 BROKEN = {
-    'package.xml': """
-<package format="3">
-  <name>broken_controllers</name> <version>0.1.0</version> <description>Broken.</description>
-  <maintainer email="you@your-lab.invalid">You</maintainer> <license>Apache-2.0</license>
-  <export> <build_type>ament_python</build_type> </export>
-</package>
+    'pyproject.toml': """
+[project]
+name = 'broken_controllers'
+version = '0.1.0'
+
+[project.entry-points.'spikelane.controllers']
+forgetful = 'broken_controllers:Forgetful'
+by_process = 'broken_controllers:ByProcess'
+
+[project.entry-points.'spikelane.trainings']
+forgetful = 'spikelane_controllers.learning.training:Training'
+by_process = 'spikelane_controllers.learning.training:Training'
+
+[build-system]
+requires = ['setuptools>=64']
+build-backend = 'setuptools.build_meta'
 """,
-    'resource/broken_controllers': '',
-    'setup.cfg': """
-[develop]
-script_dir=$base/lib/broken_controllers
-[install]
-install_scripts=$base/lib/broken_controllers
-""",
-    'setup.py': """
-from setuptools import setup
-
-names = {'forgetful': 'Forgetful', 'by_process': 'ByProcess'}
-setup(
-    name='broken_controllers',
-    version='0.1.0',
-    packages=['broken_controllers'],
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/broken_controllers']),
-        ('share/broken_controllers', ['package.xml']),
-    ],
-    entry_points={
-        'console_scripts': [f'{each} = broken_controllers.nodes:{each}' for each in names],
-        'spikelane.controllers': [
-            f'{each} = broken_controllers.controllers:{cls}' for each, cls in names.items()
-        ],
-        'spikelane.trainings': [
-            f'{each} = spikelane_controllers.learning.training:Training' for each in names
-        ],
-    },
-)
-""",
-    'broken_controllers/__init__.py': '',
-    'broken_controllers/nodes.py': """
-import sys
-
-from spikelane_controllers.nodes.learning import LearningNode
-from spikelane_sim.nodes.running import run_node
-
-
-def forgetful():
-    sys.exit(run_node(lambda: LearningNode('forgetful')))
-
-
-def by_process():
-    sys.exit(run_node(lambda: LearningNode('by_process')))
-""",
-    'broken_controllers/controllers.py': """
+    'broken_controllers.py': """
 import os
 
 from my_controllers.learning_balance import LearningBalance
@@ -121,32 +86,44 @@ class Forgetful:
 
 @pytest.fixture(scope='module')
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a workspace where the example has been built by colcon, and the broken package."""
-    if ' ' in sys.executable:
-        pytest.skip("colcon's setup files do not work in paths with a space")
-    workspace = tmp_path_factory.mktemp('my_ws')
-    shutil.copytree(EXAMPLE, workspace / 'src/balance')
+    """Give a folder with copies of the example and of the broken package, as pip installs them.
+
+    They are installed into an environment of its own, `venv`, which has all that this one has.
+    """
+    workspace = tmp_path_factory.mktemp('my work')
+    subprocess.run([sys.executable, '-m', 'venv', '--without-pip', workspace / 'venv'], check=True)
+    python = workspace / 'venv/bin/python'
+    ask = [python, '-c', 'import sysconfig; print(sysconfig.get_path("purelib"))']
+    told = subprocess.run(ask, check=True, capture_output=True, text=True)
+    libraries = {str(Path(pytest.__file__).parents[1]), str(Path(np.__file__).parents[1])}
+    lines = [f'import site; site.addsitedir({each!r})' for each in sorted(libraries)]
+    Path(told.stdout.strip(), 'libraries.pth').write_text('\n'.join(lines), encoding='utf-8')
+    shutil.copytree(EXAMPLE, workspace / 'balance')
     for name, text in BROKEN.items():
-        path = workspace / 'src/broken' / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path = workspace / 'broken' / name
+        path.parent.mkdir(exist_ok=True)
         path.write_text(text.lstrip(), encoding='utf-8')
-    build = [sys.executable, '-m', 'colcon', 'build']
-    built = subprocess.run(build, cwd=workspace, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
+    for package in ('balance', 'broken'):
+        pip = [python, '-m', 'pip', 'install', '-e', '.']
+        done = subprocess.run(
+            pip, cwd=workspace / package, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
     return workspace
 
 
 def run_python(
     workspace: Path, *arguments: str, **environment: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run Python where what has been built is known."""
+    """Run the Python that the packages are installed for."""
     # An interrupt lets it end its nodes, too.
-    command = f'source install/setup.bash && exec timeout -s INT -k 20 {DEADLINE_S} "$@"'
+    limit = ['timeout', '-s', 'INT', '-k', '20', str(DEADLINE_S)]
     return subprocess.run(
-        ['bash', '-c', command, '', sys.executable, *arguments],
+        [*limit, workspace / 'venv/bin/python', *arguments],
         cwd=workspace,
         capture_output=True,
         text=True,
+        check=False,
         env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'} | environment,
     )
 
@@ -169,29 +146,29 @@ def test_the_page_shows_the_files_that_are_tested() -> None:
     """Each as it is, and no Python file is left out."""
     page = (DOCS / 'add_a_controller.md').read_text('utf-8')
     shown = dict(
-        re.findall(r'^\[`[^`]+`\]\((examples/\S+)\)\n\n```python\n(.*?)```', page, re.M | re.S)
+        re.findall(
+            r'^\[`[^`]+`\]\((examples/balance/\S+)\)\n\n```\w+\n(.*?)```', page, re.M | re.S
+        )
     )
     for path, text in shown.items():
         assert (DOCS / path).read_text('utf-8') == text
     names = {Path(path).name for path in shown}
-    assert names == {'balance.py', 'cards.py', 'learning_balance.py', 'metered.py', 'setup.py'}
+    modules = {'balance.py', 'cards.py', 'learning_balance.py', 'metered.py'}
+    assert names == modules | {'pyproject.toml', 'setup.py'}
 
 
-def test_a_controller_takes_one_module_and_one_card() -> None:
-    """What else there is makes any ROS package: setup files, package.xml and a marker."""
+def test_a_controller_takes_one_module_one_card_and_one_entry_point() -> None:
+    """In a package as any: `pyproject.toml` for pip; the four other files are for colcon."""
     files = {
         str(path.relative_to(EXAMPLE))
         for path in EXAMPLE.rglob('*')
         if path.is_file() and '__pycache__' not in path.parts
     }
-    package = {'my_controllers/__init__.py', 'package.xml', 'resource/my_controllers'}
-    assert files - package == {
-        'setup.py',
-        'setup.cfg',
-        'my_controllers/cards.py',
-        'my_controllers/balance.py',
-        'my_controllers/learning_balance.py',
-        'my_controllers/metered.py',
+    modules = ('__init__', 'balance', 'cards', 'learning_balance', 'metered')
+    assert files == {
+        'pyproject.toml',
+        *(f'my_controllers/{each}.py' for each in modules),
+        *('package.xml', 'resource/my_controllers', 'setup.cfg', 'setup.py'),
     }
 
 
@@ -242,7 +219,6 @@ def test_encoders_are_the_same_in_one_process_over_ros_and_replayed(
 def replayed_over_ros(workspace: Path, bag: str) -> tuple[int, int | None, int | None]:
     """Replay a bag to the node `metered`; return the status, the answers and the equal ones."""
     nodes = """
-source install/setup.bash
 "$0" -m spikelane.main node metered &
 timeout -s INT 100 "$0" -m spikelane.main node replay --ros-args -p bag:="$1"
 status=$?
@@ -251,7 +227,7 @@ exit $status
 """
     with domain_id() as domain:
         ended = subprocess.run(
-            ['bash', '-c', nodes, sys.executable, bag],
+            ['bash', '-c', nodes, workspace / 'venv/bin/python', bag],
             cwd=workspace,
             capture_output=True,
             text=True,

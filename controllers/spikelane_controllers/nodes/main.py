@@ -1,6 +1,7 @@
 """The node of any registered controller: the executable has the controller's name.
 
-A package that adds a controller names this `main` in its `console_scripts`.
+A package that adds a controller may name this `main` in its `console_scripts`, so that
+`ros2 run` finds the node; `spikelane` runs it without, as `__main__.py` does.
 """
 
 from __future__ import annotations
@@ -15,14 +16,18 @@ if TYPE_CHECKING:
     from spikelane_controllers.nodes.controller import ControllerNode
 
 
-def main() -> None:
-    """Run the node of the controller that the executable is named after."""
+def main(name: str | None = None) -> None:
+    """Run the node of a controller.
+
+    Args:
+        name: The controller; None is the one that the executable is named after.
+    """
     take_signals()
     # Here and not above: what is imported takes its time.
     from spikelane_sim.nodes.running import run_node
 
-    name = Path(sys.argv[0]).name
-    sys.exit(run_node(lambda: make_node(name)))
+    controller = name or Path(sys.argv[0]).name
+    sys.exit(run_node(lambda: make_node(controller)))
 
 
 def make_node(name: str) -> ControllerNode:

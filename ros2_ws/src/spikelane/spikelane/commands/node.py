@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 
-from spikelane.executables import executables, find_executable
+from spikelane.executables import executables, node_command
 from spikelane.interruption import hand_over
 
 
@@ -26,6 +26,6 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         SpikelaneError: There is no such node.
     """
-    executable = str(find_executable(options.node))
+    command = node_command(options.node)
     hand_over()
-    os.execv(executable, [executable, *options.arguments])
+    os.execv(command[0], [*command, *options.arguments])

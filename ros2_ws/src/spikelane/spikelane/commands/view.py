@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from spikelane.executables import find_executable
+from spikelane.executables import find_executable, node_command
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.requirements import require
 from spikelane.runs.arguments import (
@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
     if options.transport != 'ros':
         raise ParameterError(f'--transport: expected ros, got {options.transport}')
     for node in ('viewer', 'simulator', options.controller):
-        find_executable(node)
+        node_command(node)
     if options.train:
         if options.controller not in training_names():
             expected = ', '.join(training_names())

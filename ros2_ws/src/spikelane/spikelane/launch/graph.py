@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 import signal
+import sys
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
@@ -20,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.utilities import prefix_namespace
 
-from spikelane.executables import executables
+from spikelane.executables import executables, is_installed_by_pip, MODULE_ARGUMENTS
 from spikelane.runs.lap.nodes.driving import recorded_topics
 from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
 from spikelane_controllers.weights import shipped_weights
@@ -299,9 +300,11 @@ def _node(
         outer = prefix_namespace(arguments.pushed_namespace, arguments.text('namespace') or None)
         outer = f'/{(outer or "").strip("/")}'.rstrip('/')
         remappings += [(topic, f'{outer}/{topic}') for topic in _MEETING_TOPICS]
+    by_pip = is_installed_by_pip(name)
     return Node(
-        package=executables()[name],
-        executable=name,
+        package=None if by_pip else executables()[name],
+        executable=sys.executable if by_pip else name,
+        arguments=[*MODULE_ARGUMENTS, name] if by_pip else None,
         name=name,
         namespace=given,
         parameters=[{key: value for each in parameters for key, value in each.items()}],

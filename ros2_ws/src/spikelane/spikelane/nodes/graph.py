@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from spikelane_msgs.srv import Reset
 
-from spikelane.executables import find_executable
+from spikelane.executables import node_command
 from spikelane.interruption import check
 from spikelane.nodes.domain import own_domain
 from spikelane.processes import ProcessError, Processes
@@ -55,7 +55,7 @@ def running_nodes(
     write_yaml(file, {name: {'ros__parameters': values} for name, values in parameters.items()})
     with own_domain() as domain, Processes(kept_open=(domain.reservation,)) as processes:
         for node in parameters:
-            command = [str(find_executable(node)), '--ros-args', '--params-file', str(file)]
+            command = [*node_command(node), '--ros-args', '--params-file', str(file)]
             log = folder.path / 'logs' / f'{node}.log'
             processes.start(node, command, log, os.environ | domain.environment)
         with Supervisor(domain.number, processes) as supervisor:

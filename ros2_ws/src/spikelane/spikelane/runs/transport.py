@@ -6,7 +6,7 @@ from collections.abc import Callable
 import importlib
 from typing import Any
 
-from spikelane.executables import find_executable, ROS_ADVICE
+from spikelane.executables import node_command, ROS_ADVICE
 from spikelane_sim.errors import SpikelaneError
 
 
@@ -42,4 +42,4 @@ def check_transport(transport: str, controller: str) -> None:
     if transport == 'ros':
         over_ros('lap.nodes.driving', 'drive_lap_over_ros')
         for node in ('simulator', controller):
-            find_executable(node)
+            node_command(node)
