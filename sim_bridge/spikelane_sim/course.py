@@ -301,26 +301,6 @@ def make_course(record: CourseRecord) -> Course:
     )
 
 
-def advance(length_m: float, last_m: float, position_m: float, progress_m: float) -> float:
-    """Return the progress along a lane after the position changed.
-
-    Progress counts over laps and down when driving backwards. A change of position is taken the
-    short way round, so between two calls a robot must move by less than half a lap.
-
-    Args:
-        length_m: Length of the lane.
-        last_m: Position along the lane that progress_m belongs to.
-        position_m: Position now.
-        progress_m: Progress so far.
-    """
-    moved = position_m - last_m
-    if moved >= length_m / 2:
-        moved -= length_m
-    elif moved < -length_m / 2:
-        moved += length_m
-    return progress_m + moved
-
-
 def _make_lane(record: CourseRecord, centre_line: Curve, lane: LaneRecord) -> Lane:
     centre = curves.offset_curve(centre_line, lane.offset_m)
     names = [part.section for part in record.parts]

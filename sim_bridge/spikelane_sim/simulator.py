@@ -20,14 +20,20 @@ from spikelane_sim.contract import (
     RobotState,
     simulator_rng,
     STEP_NS,
-    TERMINATED_LANE_LOST,
-    TERMINATED_LAPS_COMPLETE,
-    TERMINATED_NO_PROGRESS,
-    TERMINATED_STEP_LIMIT,
     WheelEncoders,
     WheelVelocities,
 )
-from spikelane_sim.course import advance, load_course
+from spikelane_sim.course import LanePoint, load_course
+from spikelane_sim.episode_rules import (
+    admit,
+    CLIPPED,
+    follow,
+    heading_of,
+    NOT_FINITE,
+    Progress,
+    REASONS,
+    start_at,
+)
 from spikelane_sim.errors import PoseError, SpikelaneError
 from spikelane_sim.pixels import make_pixel_model
 from spikelane_sim.robots import make_robot
@@ -37,13 +43,6 @@ from spikelane_sim.simulator_parameters import SimulatorParameters
 AREA_MARGIN_M = 10.0
 
 _LAST_EPISODE = 2**32 - 1  # as a message can name it
-
-
-class _FurthestProgress(NamedTuple):
-    """The last progress along the lane that counted as progress, and when it was reached."""
-
-    progress_m: float
-    step: int
 
 
 class CommandCounts(NamedTuple):
@@ -97,7 +96,7 @@ class Simulator:
         self._seed = 0
         self._episode = 0
         self._lane_state: LaneState | None = None
-        self._furthest = _FurthestProgress(0.0, 0)
+        self._progress = start_at(0.0)
 
     def __enter__(self) -> Simulator:
         """Return the simulator; leaving the block closes it."""
@@ -209,8 +208,7 @@ class Simulator:
         self._robot.reset(start.x_m, start.y_m, start.heading_rad)
         self._pixels.reset(simulator_rng(self._seed, self._episode))
         self._link.reset(link_rng(self._seed, self._episode))
-        self._lane_state = self._lane_state_at_start(lane)
-        self._furthest = _FurthestProgress(0.0, 0)
+        self._begin(lane)
         return self._observe(self._pose_now()[None])
 
     def step(self, wheels: WheelVelocities) -> Observation:
@@ -226,26 +224,14 @@ class Simulator:
         poses = self._robot.step(self._link.carry_command(self._admit(wheels)))
         x_m, y_m, heading_rad = _planar(poses[-1])
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
-        lane = self.course.lanes[last.lane]
-        progress_m = advance(lane.length_m, last.position_m, point.position_m, last.progress_m)
-        laps = max(last.laps, math.floor(progress_m / lane.length_m))
-        step = last.step + 1
-        if progress_m >= self._furthest.progress_m + self.parameters.episode.min_progress_m:
-            self._furthest = _FurthestProgress(progress_m, step)
-        reason = self._reason_to_end(abs(point.distance_m), laps, step)
-        self._lane_state = LaneState(
-            lane=last.lane,
-            distance_m=point.distance_m,
-            heading_error_rad=point.heading_error_rad,
-            position_m=point.position_m,
-            section=self.course.section_name(last.lane, point.section),
-            progress_m=progress_m,
-            laps=laps,
-            episode=last.episode,
-            step=step,
-            terminated=bool(reason),
-            reason=reason,
+        self._progress = follow(
+            self.course.lanes[last.lane].length_m,
+            self.parameters.episode,
+            self._progress,
+            point.position_m,
+            point.distance_m,
         )
+        self._lane_state = self._lane_state_at(last.lane, point)
         return self._observe(poses)
 
     def place(self, x_m: float, y_m: float, heading_rad: float) -> None:
@@ -270,6 +256,7 @@ class Simulator:
             )
         self._robot.reset(x_m, y_m, heading_rad)
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
+        self._progress = self._progress._replace(position_m=point.position_m)
         self._lane_state = last._replace(position_m=point.position_m)
 
     def _observe(self, poses: NDArray[np.float64]) -> Observation:
@@ -285,49 +272,39 @@ class Simulator:
         return Observation(self._time_ns, carried, self._lane_state, encoders)
 
     def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
-        left, right = wheels
+        left, right, became = admit(*wheels, self.parameters.robot.max_wheel_velocity_rad_s)
         counts = self.command_counts
-        if not (math.isfinite(left) and math.isfinite(right)):
+        if became == NOT_FINITE:
             self.command_counts = counts._replace(not_finite=counts.not_finite + 1)
-            return WheelVelocities(0.0, 0.0)
-        limit = self.parameters.robot.max_wheel_velocity_rad_s
-        if max(abs(left), abs(right)) > limit:
+        elif became == CLIPPED:
             self.command_counts = counts._replace(clipped=counts.clipped + 1)
-            return WheelVelocities(min(max(left, -limit), limit), min(max(right, -limit), limit))
-        return wheels
-
-    def _reason_to_end(self, distance_m: float, laps: int, step: int) -> str:
-        limits = self.parameters.episode
-        if limits.max_distance_m and distance_m > limits.max_distance_m:
-            return TERMINATED_LANE_LOST
-        if limits.max_laps and laps >= limits.max_laps:
-            return TERMINATED_LAPS_COMPLETE
-        if limits.max_steps and step >= limits.max_steps:
-            return TERMINATED_STEP_LIMIT
-        if limits.no_progress_steps and step - self._furthest.step >= limits.no_progress_steps:
-            return TERMINATED_NO_PROGRESS
-        return ''
+        return WheelVelocities(left, right)
 
     def _running_lane_state(self) -> LaneState:
         if self._lane_state is None or self._lane_state.terminated:
             raise SpikelaneError('no episode is running: reset the simulator first')
         return self._lane_state
 
-    def _lane_state_at_start(self, lane: str) -> LaneState:
-        x_m, y_m, heading_rad = _planar(self._pose_now())
-        point = self.course.locate(lane, x_m, y_m, heading_rad)
+    def _begin(self, lane: str) -> None:
+        """Begin an episode on a lane, where the robot stands."""
+        point = self.course.locate(lane, *_planar(self._pose_now()))
+        self._progress = start_at(point.position_m)
+        self._lane_state = self._lane_state_at(lane, point)
+
+    def _lane_state_at(self, lane: str, point: LanePoint) -> LaneState:
+        progress: Progress = self._progress
         return LaneState(
             lane=lane,
             distance_m=point.distance_m,
             heading_error_rad=point.heading_error_rad,
             position_m=point.position_m,
             section=self.course.section_name(lane, point.section),
-            progress_m=0.0,
-            laps=0,
+            progress_m=progress.progress_m,
+            laps=progress.laps,
             episode=self._episode,
-            step=0,
-            terminated=False,
-            reason='',
+            step=progress.step,
+            terminated=bool(progress.reason),
+            reason=REASONS[progress.reason],
         )
 
     def _pose_now(self) -> NDArray[np.float64]:
@@ -343,5 +320,5 @@ class Simulator:
 
 def _planar(pose: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return x [m], y [m] and heading [rad] of a pose (7,)."""
-    x, y, _, qx, qy, qz, qw = pose.tolist()
-    return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+    x, y, _, *orientation = pose.tolist()
+    return x, y, heading_of(*orientation)

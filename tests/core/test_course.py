@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from spikelane_sim import course as course_module
-from spikelane_sim.course import advance, available_courses, Course, load_course
+from spikelane_sim.course import available_courses, Course, load_course
+from spikelane_sim.episode_rules import advance
 from spikelane_sim.errors import CourseError
 
 PI = math.pi

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from spikelane_sim.contract import Robot, WheelVelocities
-from spikelane_sim.course import advance, load_course
+from spikelane_sim.course import load_course
+from spikelane_sim.episode_rules import advance
 from spikelane_sim.robots import make_robot, RobotParameters
 from spikelane_sim.robots.bullet_drive import BulletDrive
 
