@@ -154,14 +154,19 @@ class CameraModel(Protocol):
 
 
 class Camera:
-    """Renders what the camera sees of a course."""
+    """Renders what the camera sees of a course.
+
+    Attributes:
+        parameters: Size of the image, lens and place on the robot.
+        lens: The same as numbers, with the columns of `raster`, (12,).
+    """
 
     def __init__(self, parameters: CameraParameters, course: Course) -> None:
         """Point the camera at the ground of a course."""
         self.parameters = parameters
         self._ground = course.ground
         self._n_rows = ANTIALIAS_ROWS if parameters.antialias else 1
-        self._lens = self._make_lens()
+        self.lens = self._make_lens()
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -201,7 +206,7 @@ class Camera:
             out = np.empty((p.height, p.width), np.float32)
         if pose.shape != (7,) or out.shape != (p.height, p.width):
             self._refuse(pose, out)
-        if not raster.render(*self._ground, self._lens, pose, self._n_rows, out):
+        if not raster.render(*self._ground, self.lens, pose, self._n_rows, out):
             self._refuse(pose, out)
         return out
 
@@ -216,7 +221,7 @@ class Camera:
             out = np.empty(shape, np.float32)
         if poses.shape != (len(poses), 7) or out.shape != shape:
             self._refuse(poses, out)
-        if not raster.render_many(*self._ground, self._lens, poses, self._n_rows, out):
+        if not raster.render_many(*self._ground, self.lens, poses, self._n_rows, out):
             self._refuse(poses, out)
         return out
 

@@ -46,7 +46,7 @@ RIGHT, DOWN, FORWARD, EYE = range(4)
 _X, _Y, _W = range(3)
 
 
-class _Scan(NamedTuple):
+class Scan(NamedTuple):
     """What bounds the interval that a piece covers on a scanline, as a function of v.
 
     Attributes:
@@ -87,23 +87,23 @@ def render(
     """
     background = lens[BACKGROUND]
     image[:] = background
-    view = _view_from(lens, pose)
+    view = view_from(lens, pose)
     if not np.isfinite(np.sum(view)):
         return False
     if view[EYE, 2] <= 0.0:
         return True  # below the floor
-    ground = _homography(lens, view)
-    scan = _Scan(
+    ground = homography(lens, view)
+    scan = Scan(
         np.empty((6, 2)), np.empty((6, 2)), np.empty(2, np.int64), np.empty((3, 3)), np.zeros(2)
     )
     if floor != background:
-        _clip_depth(scan, ground, lens)
+        clip_depth(scan, ground, lens)
         _draw(scan, 0, image.shape[0], n_rows, floor, background, image)
     for i in range(pieces.shape[0]):
-        first, last = _rows_of(pieces[i], view, lens, image.shape[0], image.shape[1])
+        first, last = rows_of(pieces[i], view, lens, image.shape[0], image.shape[1])
         if first < last:
-            _clip_depth(scan, ground, lens)
-            _clip_piece(scan, ground, pieces[i])
+            clip_depth(scan, ground, lens)
+            clip_piece(scan, ground, pieces[i])
             _draw(scan, first, last, n_rows, marking, floor, image)
     if n_rows > 1:
         _limit(image, min(background, floor, marking), max(background, floor, marking))
@@ -111,7 +111,7 @@ def render(
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _view_from(lens: Array, pose: Array) -> Array:
+def view_from(lens: Array, pose: Array) -> Array:
     """Return the camera's axes and place in the world, (4, 3)."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     two = 2.0 / (x * x + y * y + z * z + w * w)
@@ -130,7 +130,7 @@ def _view_from(lens: Array, pose: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _homography(lens: Array, view: Array) -> Array:
+def homography(lens: Array, view: Array) -> Array:
     """Return the coefficients of X, Y, W for u, v and 1, (3, 3)."""
     ground = np.empty((3, 3))
     for i in range(3):
@@ -146,7 +146,7 @@ def _homography(lens: Array, view: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> tuple[int, int]:
+def rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> tuple[int, int]:
     """Return the range of rows that a piece can be seen in, empty where it is out of sight."""
     forward = view[FORWARD]
     depth = -forward[2] * view[EYE, 2]
@@ -180,7 +180,7 @@ def _rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) ->
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _clip_depth(scan: _Scan, ground: Array, lens: Array) -> None:
+def clip_depth(scan: Scan, ground: Array, lens: Array) -> None:
     """Begin a scan: what is between the clipping planes."""
     scan.n[:] = 0
     scan.squared[:] = 0.0
@@ -190,7 +190,7 @@ def _clip_depth(scan: _Scan, ground: Array, lens: Array) -> None:
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _bound(scan: _Scan, a: float, b: float, c: float) -> None:
+def _bound(scan: Scan, a: float, b: float, c: float) -> None:
     """Bound the scan by a u + b v + c >= 0."""
     if a == 0.0:
         a = 1e-300  # all of a scanline or nothing: a bound beyond any image
@@ -202,7 +202,7 @@ def _bound(scan: _Scan, a: float, b: float, c: float) -> None:
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _clip_piece(scan: _Scan, ground: Array, piece: Array) -> None:
+def clip_piece(scan: Scan, ground: Array, piece: Array) -> None:
     """Bound the scan by the edges of a piece."""
     is_arc = piece[IS_ARC] != 0.0
     for i in range(HALF_PLANES, ARC if is_arc else CORNERS, 3):
@@ -224,28 +224,28 @@ def _clip_piece(scan: _Scan, ground: Array, piece: Array) -> None:
 
 @numba.njit(cache=True, error_model='numpy')
 def _draw(
-    scan: _Scan, first: int, last: int, n_rows: int, inside: float, outside: float, image: Image
+    scan: Scan, first: int, last: int, n_rows: int, inside: float, outside: float, image: Image
 ) -> None:
     """Draw a scan into rows first to last of the image, over what is `outside` so far."""
     width = float(image.shape[1])
     for row in range(first, last):
         for k in range(n_rows):
             v = row + (k + 0.5) / n_rows
-            begin, end = _between_bounds(scan, v, width)
+            begin, end = between_bounds(scan, v, width)
             if not begin < end:
                 continue
             if scan.squared[1] == 0.0:
                 _fill(image[row], begin, end, n_rows, inside, outside)
                 continue
-            low, high = _within_circle(scan, v, scan.squared[1])
+            low, high = within_circle(scan, v, scan.squared[1])
             begin, end = max(begin, low), min(end, high)
-            low, high = _within_circle(scan, v, scan.squared[0])
+            low, high = within_circle(scan, v, scan.squared[0])
             _fill(image[row], begin, min(end, low), n_rows, inside, outside)
             _fill(image[row], max(begin, high, low), end, n_rows, inside, outside)
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _between_bounds(scan: _Scan, v: float, width: float) -> tuple[float, float]:
+def between_bounds(scan: Scan, v: float, width: float) -> tuple[float, float]:
     """Return the interval of u between the straight bounds at height v."""
     begin, end = 0.0, width
     for i in range(scan.n[0]):
@@ -256,7 +256,7 @@ def _between_bounds(scan: _Scan, v: float, width: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, error_model='numpy')
-def _within_circle(scan: _Scan, v: float, squared: float) -> tuple[float, float]:
+def within_circle(scan: Scan, v: float, squared: float) -> tuple[float, float]:
     """Return the interval of u where X^2 + Y^2 <= squared W^2 in front of the camera.
 
     Where there is none it is (inf, inf): everything is before it.

@@ -95,7 +95,7 @@ class CoppeliaPixels:
         if not self.has_seen:
             self._see_first(intensity)
             return no_events()
-        number = _fire(
+        number = fire(
             intensity,
             self.reference,
             self.change,
@@ -151,7 +151,7 @@ def _changed(
 
 
 @numba.njit(cache=True)
-def _fire(
+def fire(
     intensity: NDArray[np.float32],
     reference: NDArray[np.float64],
     change: NDArray[np.float64],

@@ -50,7 +50,7 @@ class Kinematic:
         """Drive for one step; see `contract.Robot`."""
         self._wheels = wheels
         forward, turn = self._twist()
-        poses, self._x_m, self._y_m, self._heading_rad = _drive_arc(
+        poses, self._x_m, self._y_m, self._heading_rad = drive_arc(
             (self._x_m, self._y_m, self._heading_rad),
             forward,
             turn,
@@ -87,7 +87,7 @@ class Kinematic:
 
 
 @numba.njit(cache=True)
-def _drive_arc(start, forward, turn, axle_x_m, height_m, count):  # type: ignore[no-untyped-def]
+def drive_arc(start, forward, turn, axle_x_m, height_m, count):  # type: ignore[no-untyped-def]
     """Return the poses along one step, and x, y and heading at its end.
 
     Args:

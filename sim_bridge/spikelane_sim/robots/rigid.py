@@ -137,7 +137,12 @@ def rigid_body(parameters: RobotParameters, description: Description) -> RigidBo
 
 
 class RigidDrive:
-    """A robot on a level floor whose wheels hold (`contract.Robot`)."""
+    """A robot on a level floor whose wheels hold (`contract.Robot`).
+
+    Attributes:
+        body: The numbers of the equations.
+        substeps: Steps of the physics from one pose to the next.
+    """
 
     def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
         """Make the robot, at the origin.
@@ -147,13 +152,13 @@ class RigidDrive:
                 not divide the steps, the geometry is not that of the robot's URDF, which must be
                 symmetric, or the robot could slip or tip over.
         """
-        self._substeps = _physics(parameters).steps_per_pose(poses_per_step)
+        self.substeps = _physics(parameters).steps_per_pose(poses_per_step)
         urdf = robot_model(parameters.model).urdf
         description = read_description(urdf)
         check_geometry(parameters, description, urdf.name)
         check_symmetry(description, urdf.name)
         check_grip(parameters, description, _physics(parameters).wheel_friction)
-        self._body = rigid_body(parameters, description)
+        self.body = rigid_body(parameters, description)
         self._axle_x_m = parameters.axle_x_m
         self._poses_per_step = poses_per_step
         self.reset(0.0, 0.0, 0.0)
@@ -165,23 +170,23 @@ class RigidDrive:
     def step(self, wheels: WheelVelocities) -> NDArray[np.float64]:
         """Drive for one step; see `contract.Robot`."""
         poses = np.empty((self._poses_per_step, 7))
-        drive_step(self._body, self._state, wheels.left, wheels.right, self._substeps, poses)
+        drive_step(self.body, self._state, wheels.left, wheels.right, self.substeps, poses)
         return poses
 
     @property
     def state(self) -> RobotState:
         """Pose and motion now."""
         x_m, y_m, heading_rad, forward, turn, left_rad, right_rad = self._state.tolist()
-        half = turn * self._body.track_m / 2
+        half = turn * self.body.track_m / 2
         return RobotState(
-            position=(x_m, y_m, self._body.height_m),
+            position=(x_m, y_m, self.body.height_m),
             orientation=(0.0, 0.0, math.sin(heading_rad / 2), math.cos(heading_rad / 2)),
             linear=(forward, -self._axle_x_m * turn, 0.0),
             angular=(0.0, 0.0, turn),
             wheel_angles=(left_rad, right_rad),
             wheel_velocities=(
-                (forward - half) / self._body.radius_m,
-                (forward + half) / self._body.radius_m,
+                (forward - half) / self.body.radius_m,
+                (forward + half) / self.body.radius_m,
             ),
         )
 

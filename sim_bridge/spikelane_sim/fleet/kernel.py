@@ -1,0 +1,314 @@
+"""One robot of a fleet through one step of 50 ms, compiled.
+
+What happens in a step is what `Simulator.step` does, in the same order and with the same functions:
+the command is admitted and carried, the robot moves, is located, its progress is followed, and
+what its camera sees becomes events. Robots share a `World`, and whatever changes is in row i of the
+arrays of `Robots`, so that robots can be simulated in any order and on any thread.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.bit_planes import fire_planes, render_planes
+from spikelane_sim.contract import STEP_NS
+from spikelane_sim.curve import nearest_on_curve
+from spikelane_sim.episode_rules import (
+    admit,
+    CLIPPED,
+    follow,
+    heading_of,
+    NOT_FINITE,
+    Progress,
+    start_at,
+)
+from spikelane_sim.events import EVENT_DTYPE, Events
+from spikelane_sim.fleet.generators import generator_at
+from spikelane_sim.pixels.coppelia import fire
+from spikelane_sim.raster import render
+from spikelane_sim.robots.kinematic import drive_arc
+from spikelane_sim.robots.rigid import drive_step
+
+_STEP_US = STEP_NS // 1000
+
+#: What is known of a robot: its course and lane, where it is on it, and what became of commands.
+ROBOT_DTYPE = np.dtype(
+    [
+        ('course', '<i8'),
+        ('lane', '<i8'),  # of all lanes of all courses
+        ('distance_m', '<f8'),
+        ('heading_error_rad', '<f8'),
+        ('section', '<i8'),  # of the lane
+        ('position_m', '<f8'),  # this and the next six: see `episode_rules.Progress`
+        ('progress_m', '<f8'),
+        ('laps', '<i8'),
+        ('step', '<i8'),
+        ('furthest_m', '<f8'),
+        ('furthest_step', '<i8'),
+        ('reason', '<i8'),
+        ('not_finite', '<i8'),  # commands
+        ('clipped', '<i8'),  # commands
+        ('oldest', '<i8'),  # row of `Robots.commands` that is carried next
+    ]
+)
+
+#: Columns of `Robots.motion` with the engine rigid; with kinematic v and w are the velocities of
+#: the wheels.
+X, Y, HEADING, FORWARD, TURN, LEFT, RIGHT = range(7)
+
+
+class Robots(NamedTuple):
+    """What changes; rows are robots.
+
+    Attributes:
+        known: Of `ROBOT_DTYPE`, (n_robots,).
+        motion: x, y [m], heading [rad], v [m/s], w [rad/s] and the wheels' angles [rad],
+            (n_robots, 7).
+        poses: Of the body at the end of the last step, (n_robots, 1, 7).
+        planes: What was seen last, (n_robots, 2, height, words); of no size without bit planes.
+        reference: Of the pixels, (n_robots, height * width); of no size with bit planes.
+        change: The same.
+        commands: On their way to the robots [rad/s], (n_robots, latency_steps, 2).
+        noise: Addresses of the generators that noise comes from, (n_robots,).
+        losses: The same of the generators that losses are drawn from.
+    """
+
+    known: NDArray[np.void]
+    motion: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    planes: NDArray[np.uint64]
+    reference: NDArray[np.float64]
+    change: NDArray[np.float64]
+    commands: NDArray[np.float64]
+    noise: NDArray[np.uintp]
+    losses: NDArray[np.uintp]
+
+
+class Scratch(NamedTuple):
+    """Arrays that a thread needs while it simulates robots one after the other."""
+
+    image: NDArray[np.float32]  # (height, width), or of no size with bit planes
+    planes: NDArray[np.uint64]  # (2, height, words)
+    events: Events  # (height * width,)
+    polarity: NDArray[np.int8]  # of the events of a step; 0 between steps, (height * width,)
+
+
+def make_scratch(world: Any) -> Scratch:
+    """Return arrays for one thread."""
+    size = world.height * world.width
+    side = 0 if world.has_planes else 1
+    return Scratch(
+        np.empty((side * world.height, side * world.width), np.float32),
+        np.empty((2, world.height, -(-world.width // 64)), np.uint64),
+        np.empty(size, EVENT_DTYPE),
+        np.zeros(size, np.int8),
+    )
+
+
+@numba.njit(cache=True)
+def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-untyped-def]
+    """Place robot i at rest on the lane that is known of it, and let it see its first image."""
+    motion, pose = robots.motion[i], robots.poses[i, 0]
+    motion[:] = 0.0
+    motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
+    pose[:] = 0.0
+    pose[0], pose[1] = x_m, y_m
+    pose[2] = world.body.height_m if world.engine == 1 else world.drive.height_m
+    pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
+    robots.commands[i] = 0.0
+    known = robots.known[i]
+    known.oldest = 0
+    position_m = _locate(world, robots, i)
+    _know(known, start_at(position_m))
+    _render(world, robots, scratch, i)
+    if world.has_planes:
+        robots.planes[i] = scratch.planes
+        return
+    seen, reference, change = scratch.image.ravel(), robots.reference[i], robots.change[i]
+    for pixel in range(seen.size):
+        now = np.float64(seen[pixel])
+        reference[pixel] = now
+        change[pixel] = world.threshold * (now if now != 0.0 else world.dark_intensity)
+
+
+@numba.njit(cache=True)
+def simulate(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, i, left, right
+):
+    """Drive robot i for a step; return how many of `scratch.events` it gives.
+
+    Args:
+        world: The `World`.
+        robots: The `Robots`; row i changes.
+        scratch: A `Scratch` of this thread.
+        template: `generators.TEMPLATE`.
+        i: Which robot.
+        left: Velocity asked of the left wheel [rad/s].
+        right: The same for the right wheel.
+    """
+    known = robots.known[i]
+    left, right, became = admit(left, right, world.max_wheel_velocity_rad_s)
+    known.not_finite += became == NOT_FINITE
+    known.clipped += became == CLIPPED
+    left, right = _carry(known, robots.commands[i], left, right)
+    _move(world, robots.motion[i], robots.poses[i], left, right)
+    position_m = _locate(world, robots, i)
+    last = Progress(
+        known.position_m,
+        known.progress_m,
+        known.laps,
+        known.step,
+        known.furthest_m,
+        known.furthest_step,
+        known.reason,
+    )
+    length_m = world.lengths_m[known.lane]
+    _know(known, follow(length_m, world.limits, last, position_m, known.distance_m))
+    number = _see(world, robots, scratch, i)
+    if world.noise_rate_hz > 0.0:
+        rng = generator_at(template, robots.noise[i])
+        number = _add_noise(world, rng, scratch, number)
+    if world.event_loss > 0.0:
+        rng = generator_at(template, robots.losses[i])
+        number = _lose(rng, scratch.events, number, world.event_loss)
+    return number
+
+
+@numba.njit(cache=True)
+def _know(known, progress):  # type: ignore[no-untyped-def]
+    """Write down a `Progress`."""
+    known.position_m, known.progress_m = progress.position_m, progress.progress_m
+    known.laps, known.step = progress.laps, progress.step
+    known.furthest_m, known.furthest_step = progress.furthest_m, progress.furthest_step
+    known.reason = progress.reason
+
+
+@numba.njit(cache=True)
+def _carry(known, commands, left, right):  # type: ignore[no-untyped-def]
+    """Send a command; return the one that arrives (`communication_link`)."""
+    if commands.shape[0] == 0:
+        return left, right
+    row = commands[known.oldest]
+    arrived = row[0], row[1]
+    row[0], row[1] = left, right
+    known.oldest = (known.oldest + 1) % commands.shape[0]
+    return arrived
+
+
+@numba.njit(cache=True)
+def _move(world, motion, poses, left, right):  # type: ignore[no-untyped-def]
+    if world.engine == 1:
+        drive_step(world.body, motion, left, right, world.substeps, poses)
+        return
+    drive = world.drive
+    motion[FORWARD], motion[TURN] = left, right
+    forward = (left + right) * drive.radius_m / 2
+    turn = (right - left) * drive.radius_m / drive.track_m
+    start = (motion[X], motion[Y], motion[HEADING])
+    driven, x_m, y_m, heading_rad = drive_arc(
+        start, forward, turn, drive.axle_x_m, drive.height_m, poses.shape[0]
+    )
+    poses[:] = driven
+    motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
+    motion[LEFT] += left * (STEP_NS / 1e9)
+    motion[RIGHT] += right * (STEP_NS / 1e9)
+
+
+@numba.njit(cache=True)
+def _locate(world, robots, i):  # type: ignore[no-untyped-def]
+    """Find robot i on its lane; return its position along it [m]."""
+    known, pose = robots.known[i], robots.poses[i, -1]
+    heading_rad = heading_of(pose[3], pose[4], pose[5], pose[6])
+    first, last = world.first_segment[known.lane], world.first_segment[known.lane + 1]
+    distance_m, error_rad, position_m, section = nearest_on_curve(
+        world.curves[first:last], pose[0], pose[1], heading_rad
+    )
+    known.distance_m, known.heading_error_rad, known.section = distance_m, error_rad, section
+    return position_m
+
+
+@numba.njit(cache=True)
+def _render(world, robots, scratch, i):  # type: ignore[no-untyped-def]
+    """Draw what robot i sees."""
+    course, pose = robots.known[i].course, robots.poses[i, -1]
+    pieces = world.pieces[world.first_piece[course] : world.first_piece[course + 1]]
+    background, floor = world.intensities[course, 0], world.intensities[course, 1]
+    if world.has_planes:
+        render_planes(pieces, floor != background, world.lens, pose, world.width, scratch.planes)
+    else:
+        marking = world.intensities[course, 2]
+        render(pieces, floor, marking, world.lens, pose, world.n_rows, scratch.image)
+
+
+@numba.njit(cache=True)
+def _see(world, robots, scratch, i):  # type: ignore[no-untyped-def]
+    """Write the events of what robot i sees; return how many."""
+    _render(world, robots, scratch, i)
+    if world.has_planes:
+        intensities = world.intensities[robots.known[i].course]
+        return fire_planes(robots.planes[i], scratch.planes, intensities, 0, scratch.events)
+    return fire(
+        scratch.image.ravel(),
+        robots.reference[i],
+        robots.change[i],
+        world.threshold,
+        world.dark_intensity,
+        0,
+        world.width,
+        scratch.events,
+    )
+
+
+@numba.njit(cache=True)
+def _add_noise(world, rng, scratch, number):  # type: ignore[no-untyped-def]
+    """Add noise where no pixel has fired, as `CoppeliaPixels` does; return how many events.
+
+    The draws are those of `noise.draw_shot`, one by one.
+    """
+    size = world.width * world.height
+    drawn = rng.poisson(world.noise_rate_hz * size * _STEP_US * 1e-6)
+    if drawn == 0:
+        return number
+    rng.integers(0, _STEP_US, drawn)
+    pixels = rng.integers(0, size, drawn)
+    polarity = 2 * rng.integers(0, 2, drawn) - 1
+    rng.random(drawn)
+    events, taken = scratch.events, scratch.polarity
+    for k in range(number):
+        taken[np.int64(events[k].y) * world.width + np.int64(events[k].x)] = events[k].polarity
+    for k in range(drawn):
+        if taken[pixels[k]] == 0:
+            taken[pixels[k]] = polarity[k]
+    # Events are in the order of rows, then columns.
+    number = 0
+    for y in range(world.height):
+        row = taken[y * world.width : (y + 1) * world.width]
+        for x in range(world.width):
+            if row[x] != 0:
+                event = events[number]
+                event['t'], event['x'], event['y'], event['polarity'] = 0, x, y, row[x]
+                row[x] = 0
+                number += 1
+    return number
+
+
+@numba.njit(cache=True)
+def _copy(to, event):  # type: ignore[no-untyped-def]
+    to['t'], to['x'], to['y'] = event.t, event.x, event.y
+    to['polarity'] = event.polarity
+
+
+@numba.njit(cache=True)
+def _lose(rng, events, number, event_loss):  # type: ignore[no-untyped-def]
+    """Keep the events that reach the controller (`communication_link`); return how many."""
+    kept = 0
+    for k in range(number):
+        if rng.random() >= event_loss:
+            if kept != k:
+                _copy(events[kept], events[k])
+            kept += 1
+    return kept

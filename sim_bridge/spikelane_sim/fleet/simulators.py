@@ -1,0 +1,186 @@
+"""Many simulators at once: what `Simulator` is for one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.bit_planes import words_of
+from spikelane_sim.contract import LaneState, link_rng, simulator_rng
+from spikelane_sim.course import Course, load_course
+from spikelane_sim.episode_rules import REASONS
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.fleet.generators import Generators
+from spikelane_sim.fleet.kernel import begin, make_scratch, ROBOT_DTYPE, Robots
+from spikelane_sim.fleet.world import make_world, World
+from spikelane_sim.simulator import CommandCounts
+from spikelane_sim.simulator_parameters import SimulatorParameters
+
+
+class _Episode(NamedTuple):
+    """Where a robot is in its sequence of episodes."""
+
+    seed: int
+    number: int
+
+
+class SimulatorFleet:
+    """N robots, each in a simulation of its own.
+
+    Robot i does what `Simulator` does with the same parameters, course and seeds, bit for bit,
+    whatever the others do. Its steps are taken by kernels that are given `world`, `robots` and i
+    (`kernel.simulate`); here robots are reset and asked for what they know.
+
+    Attributes:
+        parameters: Of all robots but for their courses.
+        world: What the robots share.
+        robots: What changes.
+        noise: The generators of the pixels' noise.
+        losses: The generators of the losses between robot and controller.
+    """
+
+    def __init__(
+        self,
+        n_robots: int,
+        parameters: SimulatorParameters | None = None,
+        *,
+        courses: Sequence[str] | None = None,
+    ) -> None:
+        """Make robots that have not begun an episode.
+
+        Args:
+            n_robots: How many, at least 1.
+            parameters: Of all robots; None for the defaults.
+            courses: Each robot's own, as `SimulatorParameters.course`; None for the parameters'.
+
+        Raises:
+            SpikelaneError: A fleet cannot simulate this, or the numbers of robots and courses
+                differ.
+        """
+        if n_robots < 1:
+            raise SpikelaneError(f'n_robots: expected at least 1, got {n_robots}')
+        self.parameters = parameters or SimulatorParameters()
+        names = [self.parameters.course] * n_robots if courses is None else list(courses)
+        if len(names) != n_robots:
+            raise SpikelaneError(f'courses: expected one for each robot, got {len(names)}')
+        distinct = list(dict.fromkeys(names))
+        self._courses = [load_course(name) for name in distinct]
+        self.world = make_world(self.parameters, self._courses)
+        self.noise, self.losses = Generators(n_robots), Generators(n_robots)
+        self.robots = _make_robots(self.world, n_robots, self.noise, self.losses)
+        self.robots.known['course'] = [distinct.index(name) for name in names]
+        self._scratch = make_scratch(self.world)
+        self._episodes: list[_Episode | None] = [None] * n_robots
+
+    def __len__(self) -> int:
+        """Return how many robots there are."""
+        return len(self._episodes)
+
+    def course(self, robot: int) -> Course:
+        """Return the course that a robot drives on."""
+        return self._courses[self.robots.known['course'][robot]]
+
+    def reset(
+        self, robot: int, lane: str | None = None, seed: int | None = None, *, episode: int = 1
+    ) -> LaneState:
+        """Place a robot at a lane's start and begin an episode; see `Simulator.reset`.
+
+        Raises:
+            SpikelaneError: No such lane, a negative seed, no such number of an episode, or a
+                first reset without a seed.
+        """
+        if seed is not None and seed < 0:
+            raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
+        before = self._episodes[robot]
+        if seed is not None:
+            now = _Episode(seed, episode)
+        elif before is not None:
+            now = before._replace(number=before.number + 1)
+        else:
+            raise SpikelaneError('seed: expected one in the first reset, got none')
+        if now.number < 1:
+            raise SpikelaneError(f'episode: expected a number of at least 1, got {now.number}')
+        known = self.robots.known
+        names = tuple(self.course(robot).lanes)
+        first = self.world.first_lane[known['course'][robot]]
+        if lane is not None:
+            self.course(robot).lane(lane)
+            index = names.index(lane)
+        else:
+            last = int(known['lane'][robot] - first)
+            index = 0 if seed is not None or before is None else (last + 1) % len(names)
+        self._episodes[robot] = now
+        known['lane'][robot] = first + index
+        if self.world.noise_rate_hz:
+            self.noise[robot] = simulator_rng(*now)
+        if self.world.event_loss:
+            self.losses[robot] = link_rng(*now)
+        start = self.world.starts[first + index]
+        begin(self.world, self.robots, self._scratch, robot, *start)
+        return self.lane_state(robot)
+
+    def seed(self, robot: int) -> int:
+        """Return the seed last given for a robot."""
+        return self._episode(robot).seed
+
+    def episode(self, robot: int) -> int:
+        """Return the number of a robot's episode."""
+        return self._episode(robot).number
+
+    def lane_state(self, robot: int) -> LaneState:
+        """Return what is known of a robot on its lane after its last step.
+
+        Raises:
+            SpikelaneError: It has not begun an episode.
+        """
+        known, course = self.robots.known[robot], self.course(robot)
+        lane = tuple(course.lanes)[known['lane'] - self.world.first_lane[known['course']]]
+        return LaneState(
+            lane=lane,
+            distance_m=float(known['distance_m']),
+            heading_error_rad=float(known['heading_error_rad']),
+            position_m=float(known['position_m']),
+            section=course.section_name(lane, int(known['section'])),
+            progress_m=float(known['progress_m']),
+            laps=int(known['laps']),
+            episode=self.episode(robot),
+            step=int(known['step']),
+            terminated=bool(known['reason']),
+            reason=REASONS[known['reason']],
+        )
+
+    def command_counts(self, robot: int) -> CommandCounts:
+        """Return how many of a robot's commands were not taken as they came."""
+        known = self.robots.known[robot]
+        return CommandCounts(int(known['not_finite']), int(known['clipped']))
+
+    @property
+    def has_ended(self) -> NDArray[np.bool_]:
+        """Whether each robot's episode is over, (n_robots,)."""
+        ended: NDArray[np.bool_] = self.robots.known['reason'] > 0
+        return ended
+
+    def _episode(self, robot: int) -> _Episode:
+        found = self._episodes[robot]
+        if found is None:
+            raise SpikelaneError('no episode has begun: reset the robot first')
+        return found
+
+
+def _make_robots(world: World, n_robots: int, noise: Generators, losses: Generators) -> Robots:
+    planes = (2, world.height, words_of(world.width)) if world.has_planes else (0, 0, 0)
+    pixels = 0 if world.has_planes else world.height * world.width
+    return Robots(
+        known=np.zeros(n_robots, ROBOT_DTYPE),
+        motion=np.zeros((n_robots, 7)),
+        poses=np.zeros((n_robots, 1, 7)),
+        planes=np.zeros((n_robots, *planes), np.uint64),
+        reference=np.zeros((n_robots, pixels)),
+        change=np.zeros((n_robots, pixels)),
+        commands=np.zeros((n_robots, world.latency_steps, 2)),
+        noise=noise.addresses,
+        losses=losses.addresses,
+    )
