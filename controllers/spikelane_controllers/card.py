@@ -124,6 +124,8 @@ class ControllerCard:
 
     Attributes:
         controller: Place of the class; see `registry.ControllerClass`.
+        fleet: Place of the class, a `fleet.ControllerFleet`, that drives many robots in one
+            kernel; '' where there is none.
         is_usual: Whether commands take it where no controller is asked for.
         title: Its name in figures and tables; '' for the name it is registered under.
         training: How it is trained by driving, None where it does not learn so.
@@ -138,6 +140,7 @@ class ControllerCard:
     """
 
     controller: str
+    fleet: str = ''
     title: str = ''
     is_usual: bool = False
     training: TrainingCard | None = None

@@ -20,6 +20,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import Parameters
 
 if TYPE_CHECKING:
+    from spikelane_controllers.fleet import ControllerFleet
     from spikelane_controllers.learning.results import Results, TrainingResults
     from spikelane_controllers.learning.training import Training
     from spikelane_controllers.learning.transfer import Transfer
@@ -213,6 +214,22 @@ def transfer_results(name: str) -> Callable[..., Results]:
         ParameterError: As `transfer_class`.
     """
     return cast('Callable[..., Results]', _load(name, transfer_card(name).results))
+
+
+def fleet_class(name: str) -> type[ControllerFleet]:
+    """Return the class of a controller's fleet.
+
+    Raises:
+        ParameterError: No controller has this name, or its fleet does not exist or cannot be
+            imported.
+    """
+    place = card(name).fleet
+    if not place:
+        able = [each for each, its_card in cards().items() if its_card.fleet]
+        raise ParameterError(
+            f'controller: expected one that drives a fleet ({", ".join(able)}), got {name}'
+        )
+    return cast('type[ControllerFleet]', _load(name, place))
 
 
 def hook(name: str, place: str) -> Callable[..., Any]:

@@ -1,8 +1,8 @@
 """Images as bit planes, where a camera sees no more than three intensities.
 
 Without anti-aliasing a pixel is background, floor or marking. Two bits say which: one whether the
-floor is there, one whether a marking is. A row of 128 pixels is two words instead of 512 bytes, and
-what has changed is found 64 pixels at a time by an exclusive or.
+floor is there, one whether a marking is. A row of 128 pixels is two words in each plane instead of
+512 bytes, and what has changed is found 64 pixels at a time by an exclusive or.
 
 Pixels of the paper's simulation (`pixels.coppelia`) fire whenever the intensity has moved far
 enough from its reference. Where every change from one intensity to another is far enough, the
@@ -68,7 +68,9 @@ def unpack(planes: Planes, width: int, intensities: tuple[float, float, float]) 
     """
     bits = np.unpackbits(planes.view(np.uint8), axis=-1, bitorder='little')[..., :width]
     background, floor, marking = (np.float32(each) for each in intensities)
-    image: raster.Image = np.where(bits[MARKING], marking, np.where(bits[FLOOR], floor, background))
+    image: raster.Image = np.where(
+        bits[MARKING], marking, np.where(bits[FLOOR], floor, background)
+    )
     return image
 
 

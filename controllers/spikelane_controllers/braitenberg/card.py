@@ -4,6 +4,7 @@ from spikelane_controllers.card import ControllerCard, PaperCard, PaperValue
 
 CARD = ControllerCard(
     controller='spikelane_controllers.braitenberg.controller:Braitenberg',
+    fleet='spikelane_controllers.braitenberg.fleet:BraitenbergFleet',
     title='Braitenberg',
     is_usual=True,
     figures='spikelane_controllers.braitenberg.figures:figures',

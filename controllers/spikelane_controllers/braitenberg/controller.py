@@ -150,6 +150,10 @@ class Braitenberg:
         spikes: How often each of them fired in the last step.
         operations: Operations of the last step.
         weights_pa: Weights [pA], (2, n_inputs).
+        constants: The neurons'.
+        network: The network after the last step.
+        steering: What the steering smooths, after the last step.
+        rng: Where the inputs' spikes come from.
     """
 
     parameters_class: ClassVar[type[BraitenbergParameters]] = BraitenbergParameters
@@ -158,7 +162,7 @@ class Braitenberg:
     def __init__(self, parameters: BraitenbergParameters | None = None) -> None:
         self.parameters = parameters or BraitenbergParameters()
         self.weights_pa = braitenberg_weights(self.parameters)
-        self._constants = neuron_constants(self.parameters.neuron)
+        self.constants = neuron_constants(self.parameters.neuron)
         self._delay = self.parameters.delays.steps
         self._quantities = offered(self.parameters.encoding)
         self._recording: frozenset[str] = frozenset()
@@ -166,9 +170,9 @@ class Braitenberg:
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: neurons at rest, no spikes on their way, straight on, slowly."""
-        self._rng = rng
-        self._network = resting_state(len(self.neurons))
-        self._steering = initial_steering(self.parameters.steering)
+        self.rng = rng
+        self.network = resting_state(len(self.neurons))
+        self.steering = initial_steering(self.parameters.steering)
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
         self.operations = Operations()
         self._recorded: dict[str, Sample] = {}
@@ -193,10 +197,10 @@ class Braitenberg:
         """Answer one observation: its events drive the network for one step."""
         counts = count_events(observation.events, self.parameters.encoding)
         counts[: -self.parameters.lowest_rows] = 0
-        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
-        before = self._network
-        self._network, fired = run_network(
-            before, inputs, self.weights_pa, self._constants, self._delay
+        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self.rng)
+        before = self.network
+        self.network, fired = run_network(
+            before, inputs, self.weights_pa, self.constants, self._delay
         )
         if self._recording:
             self._keep(before, inputs, fired)
@@ -204,13 +208,13 @@ class Braitenberg:
         # An input excites the neuron of its side alone.
         self.operations = Operations(decisions=1, synaptic=len(inputs))
         left, right = self.spikes
-        self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
+        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
         return wheels
 
     def _keep(self, before: NetworkState, inputs: Spikes, fired: Spikes) -> None:
         """Keep what is to be recorded of a step that began with a state of the network."""
         potentials = network_potentials(
-            before, inputs, self.weights_pa, self._constants, self._delay
+            before, inputs, self.weights_pa, self.constants, self._delay
         )
         samples: dict[str, Sample] = {
             'spikes': spike_times(fired),

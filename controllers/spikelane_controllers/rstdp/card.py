@@ -19,6 +19,7 @@ TRAINING = TrainingCard(
 
 CARD = ControllerCard(
     controller='spikelane_controllers.rstdp.controller:RStdp',
+    fleet='spikelane_controllers.rstdp.fleet:RStdpFleet',
     title='R-STDP',
     training=TRAINING,
     weights=Path(__file__).parent / 'weights',

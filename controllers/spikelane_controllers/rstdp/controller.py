@@ -170,6 +170,9 @@ class RStdp:
             negative. NaN where the observation had no lane distance.
         operations: Operations of the last step, learning not counted.
         learning: Whether the weights change.
+        network: The network in progress.
+        steering: What the steering smooths, after the last step.
+        rng: Where the inputs' spikes come from.
     """
 
     parameters_class: ClassVar[type[RStdpParameters]] = RStdpParameters
@@ -194,7 +197,7 @@ class RStdp:
     @property
     def weights_pa(self) -> NDArray[np.float64]:
         """Weights now [pA], (2, n_inputs)."""
-        return self._network.weights_pa
+        return self.network.weights_pa
 
     def initialise(self, rng: np.random.Generator) -> None:
         """Forget all: neurons at rest, no traces, the checkpoint's weights or drawn from rng."""
@@ -202,14 +205,12 @@ class RStdp:
         weights_pa = self._trained_pa
         if weights_pa is None:
             weights_pa = rng.uniform(initial.low_pa, initial.high_pa, self._shape)
-        self._network = self._in_progress(
-            resting_plastic_state(weights_pa, self.parameters.delays)
-        )
+        self.network = self._in_progress(resting_plastic_state(weights_pa, self.parameters.delays))
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: straight on, slowly; the network and its weights live on."""
-        self._rng = rng
-        self._steering = initial_steering(self.parameters.steering)
+        self.rng = rng
+        self.steering = initial_steering(self.parameters.steering)
         self.spikes: tuple[int, ...] = (0,) * len(self.neurons)
         self.operations = Operations()
         self.reward = math.nan
@@ -235,16 +236,16 @@ class RStdp:
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation: its events drive the network, its distance is the reward."""
         counts = count_events(observation.events, self.parameters.encoding)
-        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self._rng)
+        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self.rng)
         lane = observation.lane
         self.reward = math.nan if lane is None else self.parameters.c_r * lane.distance_m
         dopamine = self.reward if self.learning and lane is not None else 0.0
-        self._network.dopamine[:] = -dopamine, dopamine
-        fired = self._run_recorded(inputs) if self._recording else self._network.run(inputs)
+        self.network.dopamine[:] = -dopamine, dopamine
+        fired = self._run_recorded(inputs) if self._recording else self.network.run(inputs)
         self.spikes = spike_counts(fired, len(self.neurons))
         self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
         left, right = self.spikes
-        self._steering, wheels = steer(self._steering, left, right, self.parameters.steering)
+        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
         return wheels
 
     def state(self) -> SavedState:
@@ -254,9 +255,9 @@ class RStdp:
         that follow are the same, bit for bit.
         """
         return {
-            **spread('network', self._network.state),
-            **spread('steering', self._steering),
-            **spread_generator('rng', self._rng),
+            **spread('network', self.network.state),
+            **spread('steering', self.steering),
+            **spread_generator('rng', self.rng),
             'spikes': np.array(self.spikes, np.int64),
             'learning': self.learning,
         }
@@ -269,20 +270,20 @@ class RStdp:
                 changed then.
         """
         check_names(state, self.state())
-        like = self._network.state
+        like = self.network.state
         network = gather('network', like, state)
         check_plastic_state(network, like, self._rule)
-        steering = gather('steering', self._steering, state)
+        steering = gather('steering', self.steering, state)
         rng = gather_generator('rng', state)
         spikes = array(state, 'spikes', np.dtype(np.int64), (len(self.neurons),))
         learning = number(state, 'learning', bool)
-        self._network = self._in_progress(network)
-        self._steering, self._rng = steering, rng
+        self.network = self._in_progress(network)
+        self.steering, self.rng = steering, rng
         self.spikes, self.learning = tuple(spikes.tolist()), learning
 
     def _run_recorded(self, inputs: Spikes) -> Spikes:
         """Run the network for a step, and keep what is to be recorded."""
-        network = self._network
+        network = self.network
         dopamine = network.dopamine.copy()
         fired, potentials = network.run_watched(inputs)
         samples: dict[str, Sample] = {

@@ -87,7 +87,7 @@ def run_network(
     Returns:
         State at the window's end, and the spikes of the neurons in the window.
     """
-    neurons, in_flight, fired = _run(*state, inputs, weights_pa, constants, delay, window)
+    neurons, in_flight, fired = run_kernel(*state, inputs, weights_pa, constants, delay, window)
     return NetworkState(neurons, in_flight), fired
 
 
@@ -143,7 +143,7 @@ def _arriving(
 
 
 @numba.njit(cache=True)
-def _run(
+def run_kernel(
     neurons: Neurons,
     in_flight: Spikes,
     inputs: Spikes,
@@ -152,6 +152,7 @@ def _run(
     delay: int,
     window: int,
 ) -> tuple[Neurons, Spikes, Spikes]:
+    """Do what `run_network` does, compiled; its result is flat."""
     neurons = neurons.copy()
     spikes = _merge_spikes(in_flight, inputs)
     arriving_pa, arrived = _arriving(spikes, weights_pa, delay, window)

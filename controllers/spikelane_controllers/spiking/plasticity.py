@@ -255,7 +255,13 @@ def run_plastic_network(
 
 
 class PlasticNetwork:
-    """A network whose synapses learn, in progress: `run_plastic_network` without new arrays."""
+    """A network whose synapses learn, in progress: `run_plastic_network` without new arrays.
+
+    Attributes:
+        workspace: Its arrays.
+        network: What it is made of, of NETWORK_DTYPE, (1,).
+        tables: Those of its synapses' rule.
+    """
 
     def __init__(
         self,
@@ -276,7 +282,7 @@ class PlasticNetwork:
         neurons = len(state.neurons)
         per_neuron = 1 + (window - 1) // (1 + int(constants[0]['refractory']))
         remembered = max(len(state.history), int(scalars['delay'] + scalars['interval'])) + 1
-        work = self._work = Workspace(
+        work = self.workspace = Workspace(
             neurons=state.neurons.copy(),
             synapses=np.zeros(state.weights_pa.shape, SYNAPSE_DTYPE),
             dopamine=state.dopamine.copy(),
@@ -295,30 +301,30 @@ class PlasticNetwork:
             work.posts[i, work.counts[i]] = post
             work.counts[i] += 1
         self._n_flying = len(state.in_flight)
-        self._network = np.zeros(1, NETWORK_DTYPE)
-        self._network[0] = constants[0], scalars, window
-        self._tables = rule.tables
-        self._arguments = (*work, self._network, self._tables)
+        self.network = np.zeros(1, NETWORK_DTYPE)
+        self.network[0] = constants[0], scalars, window
+        self.tables = rule.tables
+        self._arguments = (*work, self.network, self.tables)
 
     @property
     def weights_pa(self) -> Weights:
         """Weights now [pA], (n_neurons, n_inputs)."""
-        return self._work.synapses['weight_pa'].copy()
+        return self.workspace.synapses['weight_pa'].copy()
 
     @property
     def eligibility(self) -> NDArray[np.float64]:
         """Eligibility traces now, (n_neurons, n_inputs)."""
-        return self._work.synapses['eligibility'].copy()
+        return self.workspace.synapses['eligibility'].copy()
 
     @property
     def dopamine(self) -> NDArray[np.float64]:
         """Dopamine at each neuron's synapses now [1/ms], (n_neurons,); may be written to."""
-        return self._work.dopamine
+        return self.workspace.dopamine
 
     @property
     def state(self) -> PlasticState:
         """A copy of the state now."""
-        work, rule = self._work, self._network[0]['synapse']
+        work, rule = self.workspace, self.network[0]['synapse']
         history = [posts[:n] for posts, n in zip(work.posts, work.counts, strict=True)]
         for i, posts in enumerate(history):
             posts['source'] = i
@@ -339,22 +345,47 @@ class PlasticNetwork:
         Returns:
             The neurons' spikes, and their potentials as `membrane_potentials` returns them.
         """
-        window = int(self._network[0]['window'])
-        if len(self._work.arrived_pa) != window:
-            arrived_pa = np.zeros((window, len(self._work.neurons)))
-            self._work = self._work._replace(arrived_pa=arrived_pa)
-            self._arguments = (*self._work, self._network, self._tables)
-        before = self._work.neurons.copy()
+        window = int(self.network[0]['window'])
+        if len(self.workspace.arrived_pa) != window:
+            arrived_pa = np.zeros((window, len(self.workspace.neurons)))
+            self.workspace = self.workspace._replace(arrived_pa=arrived_pa)
+            self._arguments = (*self.workspace, self.network, self.tables)
+        before = self.workspace.neurons.copy()
         fired = self.run(inputs)
-        constants = self._network['neuron']
-        return fired, membrane_potentials(before, self._work.arrived_pa, constants)
+        constants = self.network['neuron']
+        return fired, membrane_potentials(before, self.workspace.arrived_pa, constants)
+
+    def copy_to(self, workspace: Workspace) -> int:
+        """Copy the arrays into those of another workspace; return how many spikes are flying."""
+        _copy_workspace(self.workspace, workspace, self._n_flying)
+        return self._n_flying
+
+    def copy_from(self, workspace: Workspace, n_flying: int) -> None:
+        """Copy another workspace's arrays, with so many spikes flying, into these."""
+        self._make_room(n_flying)
+        _copy_workspace(workspace, self.workspace, n_flying)
+        self._n_flying = n_flying
 
     def run(self, inputs: Spikes) -> Spikes:
         """Run a window; inputs and what is returned are those of `run_plastic_network`."""
-        needed = self._n_flying + len(inputs)
-        if needed > len(self._work.flying):
-            self._work = self._work._replace(flying=np.resize(self._work.flying, 2 * needed))
-            self._arguments = (*self._work, self._network, self._tables)
+        self._make_room(self._n_flying + len(inputs))
         self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
-        fired: Spikes = self._work.fired[:n_fired].copy()
+        fired: Spikes = self.workspace.fired[:n_fired].copy()
         return fired
+
+    def _make_room(self, n_spikes: int) -> None:
+        """Make sure that so many spikes can fly."""
+        if n_spikes > len(self.workspace.flying):
+            flying = np.resize(self.workspace.flying, 2 * n_spikes)
+            self.workspace = self.workspace._replace(flying=flying)
+            self._arguments = (*self.workspace, self.network, self.tables)
+
+
+def _copy_workspace(source: Workspace, target: Workspace, n_flying: int) -> None:
+    """Copy arrays; there may be more room for spikes in one than in the other."""
+    for name, values in source._asdict().items():
+        if name not in ('flying', 'posts', 'arrived_pa'):
+            getattr(target, name)[...] = values
+    target.flying[:n_flying] = source.flying[:n_flying]
+    remembered = int(source.counts.max())
+    target.posts[:, :remembered] = source.posts[:, :remembered]

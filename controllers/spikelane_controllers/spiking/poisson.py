@@ -10,8 +10,10 @@ times in a grid step, as often as a generator that draws a Poisson number for ev
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numba
+from numba.extending import register_jitable
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +37,13 @@ class PoissonParameters(Parameters):
     )
 
 
+class PoissonScale(NamedTuple):
+    """The fields of `PoissonParameters`, for kernels."""
+
+    max_rate_hz: float
+    max_events: int
+
+
 def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) -> None:
     """Check that the spikes of all inputs can be drawn in a reasonable time.
 
@@ -52,12 +61,13 @@ def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) ->
     )
 
 
+@register_jitable
 def firing_rates(counts: Counts, parameters: PoissonParameters) -> NDArray[np.float64]:
     """Return the rate of each input [Hz]: max_rate_hz min(counts / max_events, 1).
 
     Args:
         counts: Events in each cell, (rows, columns).
-        parameters: The scale.
+        parameters: The scale; in a kernel a named tuple of the same fields.
 
     Returns:
         Rates [Hz] in the order of rows, then columns, (rows * columns,).
@@ -66,6 +76,7 @@ def firing_rates(counts: Counts, parameters: PoissonParameters) -> NDArray[np.fl
     return np.minimum(counts, parameters.max_events).ravel() * scale
 
 
+@register_jitable
 def poisson_spikes(
     rates_hz: NDArray[np.float64], rng: np.random.Generator, window: int = GRID_STEPS
 ) -> Spikes:
@@ -79,8 +90,7 @@ def poisson_spikes(
     cumulative = rates_hz.cumsum()
     expected = cumulative[-1] * (window * GRID_MS / 1000)
     uniforms = rng.random(rng.poisson(expected))
-    spikes: Spikes = _place(uniforms, cumulative, window)
-    return spikes
+    return _place(uniforms, cumulative, window)  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True)

@@ -17,6 +17,8 @@ import dataclasses
 import math
 from typing import NamedTuple
 
+from numba.extending import register_jitable
+
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
@@ -66,6 +68,15 @@ class SteeringParameters(Parameters):
             )
 
 
+class SteeringConstants(NamedTuple):
+    """The fields of `SteeringParameters`, for kernels."""
+
+    n_max: int
+    v_min: float
+    v_max: float
+    turn: float
+
+
 class SteeringState(NamedTuple):
     """What is smoothed from step to step."""
 
@@ -78,6 +89,7 @@ def initial_steering(parameters: SteeringParameters) -> SteeringState:
     return SteeringState(parameters.v_min, 0.0)
 
 
+@register_jitable
 def steer(
     state: SteeringState, left_spikes: int, right_spikes: int, parameters: SteeringParameters
 ) -> tuple[SteeringState, WheelVelocities]:
@@ -91,7 +103,7 @@ def steer(
         state: Steering after the step before.
         left_spikes: Spikes of the left neuron in this step.
         right_spikes: Spikes of the right neuron.
-        parameters: The steering model.
+        parameters: The steering model; in a kernel a named tuple of the same fields.
 
     Returns:
         The steering now, and the wheels' velocities that follow from it.

@@ -122,6 +122,10 @@ class SimulatorFleet:
         begin(self.world, self.robots, self._scratch, robot, *start)
         return self.lane_state(robot)
 
+    def has_begun(self, robot: int) -> bool:
+        """Return whether a robot has begun an episode."""
+        return self._episodes[robot] is not None
+
     def seed(self, robot: int) -> int:
         """Return the seed last given for a robot."""
         return self._episode(robot).seed

@@ -1,0 +1,106 @@
+"""Controllers of many robots, compiled together with the robots they drive.
+
+A controller's card may name a class that follows `ControllerFleet`. Each robot has a controller of
+its own, an ordinary object of the controller's class. While the kernel runs, what changes of it is
+in row i of arrays; `store` brings it back into the object, so that states, checkpoints and weights
+are had where they always are.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_sim.parameters import Parameters
+
+#: Columns of `Journey.places`.
+PLACE_COLUMNS = ('x_m', 'y_m', 'heading_rad', 'distance_m')
+
+
+class Journey(NamedTuple):
+    """What the robots are to do in one call of a kernel, and what they did; rows are robots.
+
+    Attributes:
+        wanted: How many observations to answer, (n_robots,).
+        taken: How many were answered that did not end the episode, (n_robots,).
+        has_ended: Whether the last one answered ended the episode, (n_robots,).
+        distance_m: Of the last observation that was answered and did not end it, (n_robots,).
+        answers: Wheel velocities [rad/s], (n_robots, room, 2).
+        places: Where each of those observations was made, with `PLACE_COLUMNS`,
+            (n_robots, room, 4); (n_robots, 0, 4) where it is not wanted.
+    """
+
+    wanted: NDArray[np.int64]
+    taken: NDArray[np.int64]
+    has_ended: NDArray[np.bool_]
+    distance_m: NDArray[np.float64]
+    answers: NDArray[np.float64]
+    places: NDArray[np.float64]
+
+
+def make_journey(n_robots: int, room: int, *, has_places: bool = False) -> Journey:
+    """Return room for so many observations of each robot."""
+    return Journey(
+        np.zeros(n_robots, np.int64),
+        np.zeros(n_robots, np.int64),
+        np.zeros(n_robots, np.bool_),
+        np.zeros(n_robots),
+        np.zeros((n_robots, room, 2)),
+        np.zeros((n_robots, room if has_places else 0, len(PLACE_COLUMNS))),
+    )
+
+
+class ControllerFleet(Protocol):
+    """The controllers of a fleet.
+
+    Attributes:
+        controllers: One for each robot, all with the same parameters.
+    """
+
+    controllers: list[Any]
+
+    def __init__(self, parameters: Parameters, simulators: SimulatorFleet) -> None:
+        """Make a controller for each robot.
+
+        Raises:
+            ParameterError: The kernel does not have this; the message names the parameter.
+        """
+
+    def load(self, robot: int) -> None:
+        """Take over what a controller is now, after it was made, reset or restored."""
+
+    def store(self, robot: int) -> None:
+        """Bring a controller up to date with what its robot's row says."""
+
+    def look(self, robot: int) -> None:
+        """Let a controller see no events: the observation after a reset."""
+
+    def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
+        """Let robots first to last answer observations and drive, until each has done its part.
+
+        It releases the interpreter's lock, so that several threads can do so for several robots.
+
+        Args:
+            first: First of the robots.
+            last: The robot after the last one.
+            journey: What they are to do; rows first to last change.
+            scratch: Of this thread, from `make_scratch`.
+        """
+
+
+def check_image(parameters: Any, simulators: SimulatorFleet) -> None:
+    """Check that a controller's encoding is made for the camera's image.
+
+    Raises:
+        ParameterError: It is not.
+    """
+    camera, encoding = simulators.parameters.camera, parameters.encoding
+    if (encoding.width, encoding.height) != (camera.width, camera.height):
+        raise ParameterError(
+            f'encoding: expected {camera.width} x {camera.height} px, as the camera has, '
+            f'got {encoding.width} x {encoding.height} px'
+        )

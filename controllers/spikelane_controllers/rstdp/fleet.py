@@ -1,0 +1,171 @@
+"""R-STDP in a fleet: the networks of many robots, learning or not, in one kernel."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.fleet import check_image, Journey
+from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
+from spikelane_controllers.spiking.fleet_kernel import (
+    draw_inputs,
+    drive_on,
+    make_motors,
+    most_inputs,
+    turn_wheels,
+)
+from spikelane_controllers.spiking.plasticity import PlasticNetwork
+from spikelane_controllers.spiking.plasticity_kernel import run, Workspace
+from spikelane_controllers.spiking.steering import SteeringState
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.fleet.generators import Generators, TEMPLATE
+from spikelane_sim.fleet.simulators import SimulatorFleet
+
+
+class _Networks(NamedTuple):
+    """The networks; rows are robots.
+
+    Attributes:
+        work: The arrays of `Workspace`, each with a row for each robot.
+        n_flying: How many spikes of `work.flying` count, (n_robots,).
+        is_learning: Whether the weights change, (n_robots,).
+        c_r: Dopamine for each metre [1/(ms m)].
+        network: As the kernel of the learning synapses has it.
+        tables: The same.
+        has_overflown: Whether spikes had no room, (n_robots,).
+    """
+
+    work: Workspace
+    n_flying: NDArray[np.int64]
+    is_learning: NDArray[np.bool_]
+    c_r: float
+    network: NDArray[np.void]
+    tables: NDArray[np.float64]
+    has_overflown: NDArray[np.bool_]
+
+
+class RStdpFleet:
+    """The R-STDP controllers of a fleet; see `fleet.ControllerFleet`."""
+
+    def __init__(self, parameters: RStdpParameters, simulators: SimulatorFleet) -> None:
+        """Make a controller for each robot.
+
+        Raises:
+            SpikelaneError: The image is not the camera's, or weights cannot be read.
+        """
+        check_image(parameters, simulators)
+        number = len(simulators)
+        self.controllers = [RStdp(parameters) for _ in range(number)]
+        self._simulators = simulators
+        self._chance = Generators(number)
+        self._motors = make_motors(number, parameters, self._chance)
+        first = self.controllers[0].network
+        self._networks = _Networks(
+            work=_rows(number, first, parameters),
+            n_flying=np.zeros(number, np.int64),
+            is_learning=np.zeros(number, np.bool_),
+            c_r=parameters.c_r,
+            network=first.network,
+            tables=first.tables,
+            has_overflown=np.zeros(number, np.bool_),
+        )
+        for robot in range(number):
+            self.load(robot)
+
+    def load(self, robot: int) -> None:
+        """Take over what a controller is now."""
+        controller = self.controllers[robot]
+        self._chance[robot] = controller.rng
+        self._motors.smoothed[robot] = controller.steering
+        self._motors.spikes[robot] = controller.spikes
+        networks = self._networks
+        networks.is_learning[robot] = controller.learning
+        networks.n_flying[robot] = controller.network.copy_to(_row(networks.work, robot))
+
+    def store(self, robot: int) -> None:
+        """Bring a controller up to date."""
+        networks, controller = self._networks, self.controllers[robot]
+        controller.network.copy_from(_row(networks.work, robot), int(networks.n_flying[robot]))
+        controller.steering = SteeringState(*self._motors.smoothed[robot].tolist())
+        controller.spikes = tuple(self._motors.spikes[robot].tolist())
+
+    def weights_pa(self, robot: int) -> NDArray[np.float64]:
+        """Return a robot's weights now [pA], (2, n_inputs)."""
+        weights: NDArray[np.float64] = self._networks.work.synapses[robot]['weight_pa'].copy()
+        return weights
+
+    def look(self, robot: int) -> None:
+        """Let a controller see no events."""
+        self._motors.counts[robot] = 0
+
+    def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
+        """Let robots drive; see `fleet.ControllerFleet`.
+
+        Raises:
+            SpikelaneError: More spikes came than there is room for, which has a probability
+                below 1e-30 in a step.
+        """
+        world, robots = self._simulators.world, self._simulators.robots
+        _advance(
+            world, robots, scratch, TEMPLATE, self._motors, self._networks, journey, first, last
+        )
+        if self._networks.has_overflown[first:last].any():
+            raise SpikelaneError('inputs: expected fewer spikes in a step than there is room for')
+
+
+def _rows(number: int, network: PlasticNetwork, parameters: RStdpParameters) -> Workspace:
+    """Return the arrays of a workspace, each with a row for each robot."""
+    # For the spikes of a step, and for those that are flying when it begins.
+    room = 2 * most_inputs(parameters)
+    work = network.workspace
+    rows = [np.zeros((number, *each.shape), each.dtype) for each in work]
+    return Workspace(*rows)._replace(flying=np.zeros((number, room), work.flying.dtype))
+
+
+def _row(work: Workspace, robot: int) -> Workspace:
+    return Workspace(*(each[robot] for each in work))
+
+
+@numba.njit(cache=True, nogil=True)
+def _advance(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, motors, networks, journey, first, last
+):
+    """Let robots first to last drive, one after the other: its arrays stay in the cache."""
+    for i in range(first, last):
+        journey.taken[i], journey.has_ended[i] = 0, False
+        while journey.taken[i] < journey.wanted[i]:
+            inputs = draw_inputs(motors, template, i)
+            if networks.n_flying[i] + len(inputs) > networks.work.flying.shape[1]:
+                networks.has_overflown[i] = True
+                return
+            left, right = _answer(networks, motors, robots.known[i].distance_m, inputs, i)
+            if not drive_on(world, robots, scratch, template, motors, journey, i, left, right):
+                break
+
+
+@numba.njit(cache=True)
+def _answer(networks, motors, distance_m, inputs, i):  # type: ignore[no-untyped-def]
+    """Return the wheels' velocities with which robot i answers; see `RStdp.step`."""
+    work = networks.work
+    dopamine = networks.c_r * distance_m if networks.is_learning[i] else 0.0
+    work.dopamine[i, 0], work.dopamine[i, 1] = -dopamine, dopamine
+    n_flying, n_fired = run(
+        work.neurons[i],
+        work.synapses[i],
+        work.dopamine[i],
+        work.arriving_pa[i],
+        work.arrived_pa[i],
+        work.posts[i],
+        work.flying[i],
+        work.fired[i],
+        work.counts[i],
+        networks.network,
+        networks.tables,
+        networks.n_flying[i],
+        inputs,
+    )
+    networks.n_flying[i] = n_flying
+    return turn_wheels(motors, i, work.fired[i, :n_fired])

@@ -1,0 +1,134 @@
+"""What the spiking controllers of a fleet have in common: cells, Poisson inputs, steering."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
+from spikelane_controllers.spiking.spikes import GRID_STEPS
+from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
+from spikelane_sim.contract import STEP_S
+from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.fleet.generators import generator_at, Generators
+from spikelane_sim.fleet.kernel import HEADING, simulate, X, Y
+
+
+class Cells(NamedTuple):
+    """How the image is divided; see `EncodingParameters`."""
+
+    crop_top: int
+    cell: int
+
+
+class Motors(NamedTuple):
+    """What is between the camera and the network, and between the network and the wheels.
+
+    Attributes:
+        cells: How the image is divided.
+        scale: From counts to rates.
+        steering: From spikes to wheels.
+        counts: Events in each cell in the observation to be answered, (n_robots, rows, columns).
+        smoothed: Fields of `SteeringState`, (n_robots, 2).
+        spikes: Of the left and the right neuron in the last step, (n_robots, 2).
+        chance: Addresses of the generators that inputs are drawn from, (n_robots,).
+    """
+
+    cells: Cells
+    scale: PoissonScale
+    steering: SteeringConstants
+    counts: NDArray[np.int64]
+    smoothed: NDArray[np.float64]
+    spikes: NDArray[np.int64]
+    chance: NDArray[np.uintp]
+
+
+def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motors:
+    """Return what robots need whose parameters have encoding, poisson and steering."""
+    encoding: EncodingParameters = parameters.encoding
+    poisson, steering = parameters.poisson, parameters.steering
+    return Motors(
+        Cells(encoding.crop_top, encoding.cell),
+        PoissonScale(poisson.max_rate_hz, poisson.max_events),
+        SteeringConstants(steering.n_max, steering.v_min, steering.v_max, steering.turn),
+        np.zeros((n_robots, encoding.rows, encoding.columns), np.int64),
+        np.zeros((n_robots, 2)),
+        np.zeros((n_robots, 2), np.int64),
+        generators.addresses,
+    )
+
+
+def most_inputs(parameters: Any) -> int:
+    """Return a number of inputs' spikes that no step has: 20 standard deviations above the mean.
+
+    Args:
+        parameters: Those of a controller with encoding and poisson.
+    """
+    encoding, poisson = parameters.encoding, parameters.poisson
+    mean = poisson.max_rate_hz * STEP_S * encoding.rows * encoding.columns
+    return int(mean + 20 * math.sqrt(mean + 1)) + 64
+
+
+@numba.njit(cache=True)
+def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
+    """Return the spikes of robot i's inputs in a step."""
+    rng = generator_at(template, motors.chance[i])
+    return poisson_spikes(firing_rates(motors.counts[i], motors.scale), rng, GRID_STEPS)
+
+
+@numba.njit(cache=True)
+def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
+    """Return the wheels' velocities [rad/s] that follow from robot i's spikes, (left, right)."""
+    left, right = 0, 0
+    for spike in fired:
+        if spike.source == 0:
+            left += 1
+        else:
+            right += 1
+    motors.spikes[i, 0], motors.spikes[i, 1] = left, right
+    smoothed = motors.smoothed[i]
+    state, wheels = steer(SteeringState(smoothed[0], smoothed[1]), left, right, motors.steering)
+    smoothed[0], smoothed[1] = state.speed, state.turn
+    return wheels.left, wheels.right
+
+
+@numba.njit(cache=True)
+def drive_on(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, motors, journey, i, left, right
+):
+    """Write down an answer of robot i and drive for a step; return whether the episode goes on.
+
+    Nothing is driven where the observation that was answered ended the episode.
+    """
+    known = robots.known[i]
+    if known.reason > 0:
+        journey.has_ended[i] = True
+        return False
+    k = journey.taken[i]
+    journey.answers[i, k, 0], journey.answers[i, k, 1] = left, right
+    if journey.places.shape[1] > 0:
+        place, motion = journey.places[i, k], robots.motion[i]
+        place[0], place[1], place[2] = motion[X], motion[Y], motion[HEADING]
+        place[3] = known.distance_m
+    journey.distance_m[i] = known.distance_m
+    journey.taken[i] = k + 1
+    number = simulate(world, robots, scratch, template, i, left, right)
+    count_cells(motors, scratch.events, number, i)
+    return True
+
+
+@numba.njit(cache=True)
+def count_cells(motors, events, number, i):  # type: ignore[no-untyped-def]
+    """Count the first events of a step in robot i's cells."""
+    counts = motors.counts[i]
+    counts[:] = 0
+    side = np.int32(motors.cells.cell)
+    for k in range(number):
+        y = np.int32(events[k].y) - np.int32(motors.cells.crop_top)
+        row, column = y // side, np.int32(events[k].x) // side
+        if 0 <= row < counts.shape[0] and column < counts.shape[1]:
+            counts[row, column] += 1

@@ -1,0 +1,237 @@
+"""A fleet: N robots, each with a simulator and a controller of its own, driven by one kernel.
+
+Robot i does what `Simulator` and the controller do with the same parameters and seeds, bit for
+bit, whatever N, the number of threads and the other robots are.
+
+Threads, and not numba's `prange`: the kernel releases the interpreter's lock, so that one compiled
+version serves any number of threads, a signal ends it within a call, and no second kernel waits
+for numba's thread pool, of which a process has only one. A thread takes its robots one after the
+other for many steps each, so that a robot's state is read from memory once in a call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+import itertools
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+import pandas as pd
+
+from spikelane.interruption import check
+from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey, PLACE_COLUMNS
+from spikelane_controllers.registry import controller_class, fleet_class
+from spikelane_sim.contract import controller_rng, LaneState, STEP_S
+from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.fleet.kernel import make_scratch
+from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_sim.simulator_parameters import SimulatorParameters
+
+#: Observations that each robot answers in a call of the kernel: about a millisecond's work.
+CALL_STEPS = 100
+
+
+class End(NamedTuple):
+    """How an episode of a robot ended."""
+
+    robot: int
+    lane_state: LaneState
+
+
+class Fleet:
+    """N robots that drive.
+
+    Attributes:
+        simulators: The simulators.
+        controllers: The controllers.
+        steps: Observations that each robot has answered, those that ended an episode left out,
+            (n_robots,).
+    """
+
+    def __init__(
+        self,
+        controller: str,
+        seeds: Sequence[int],
+        *,
+        simulator: SimulatorParameters | Mapping[str, Any] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        courses: Sequence[str] | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Make a robot for each seed; none has begun an episode.
+
+        Args:
+            controller: Name of one whose card has a fleet: 'rstdp' or 'braitenberg'.
+            seeds: Seed of each robot's simulator and of its controller.
+            simulator: Parameters of all simulators, an object or values under dotted names, as
+                {'robot.engine': 'rigid'}; a fleet has the engines 'kinematic' and 'rigid' and the
+                pixels 'coppelia'.
+            parameters: Parameters of all controllers, under dotted names.
+            courses: Each robot's own, as the simulators' parameter `course`; None for the same.
+            threads: How many threads drive them, at least 1.
+
+        Raises:
+            SpikelaneError: Anything is unknown or not allowed, or the kernel does not have it; the
+                message names it.
+        """
+        if threads < 1:
+            raise SpikelaneError(f'threads: expected at least 1, got {threads}')
+        if not isinstance(simulator, SimulatorParameters):
+            simulator = SimulatorParameters.from_mapping(simulator or {}, 'simulator')
+        self._seeds = [int(seed) for seed in seeds]
+        self.simulators = SimulatorFleet(len(self._seeds), simulator, courses=courses)
+        given = controller_class(controller).parameters_class.from_mapping(parameters or {})
+        self.controllers: ControllerFleet = fleet_class(controller)(given, self.simulators)
+        self.steps = np.zeros(len(self._seeds), np.int64)
+        threads = min(threads, len(self._seeds))
+        bounds = np.linspace(0, len(self._seeds), threads + 1).astype(int).tolist()
+        self._parts = [
+            (first, last, make_scratch(self.simulators.world))
+            for first, last in itertools.pairwise(bounds)
+        ]
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __enter__(self) -> Self:
+        """Return the fleet; leaving the block closes it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the fleet."""
+        self.close()
+
+    def __len__(self) -> int:
+        """Return how many robots there are."""
+        return len(self._seeds)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def reset(self, robot: int, lane: str | None = None, *, episode: int | None = None) -> None:
+        """Begin a robot's next episode, or its first one.
+
+        Args:
+            robot: Which one.
+            lane: Name of the lane; None for the next one in turn, the course's first in the
+                first episode.
+            episode: Number of the episode, to begin the robot's sequence there; None for the next.
+
+        Raises:
+            SpikelaneError: No such lane or number of an episode.
+        """
+        seed = self._seeds[robot]
+        is_first = episode is not None or not self.simulators.has_begun(robot)
+        state = self.simulators.reset(
+            robot, lane, seed if is_first else None, episode=episode or 1
+        )
+        self.controllers.store(robot)
+        self.controllers.controllers[robot].reset(controller_rng(seed, state.episode))
+        self.controllers.load(robot)
+        self.controllers.look(robot)
+
+    def advance(self, journey: Journey) -> None:
+        """Let each robot answer as many observations as a journey wants, and drive on.
+
+        A robot stops where an episode ends, after it has answered that observation as well.
+
+        Args:
+            journey: What is wanted, and where what was done goes.
+
+        Raises:
+            SpikelaneError: The kernel has failed.
+        """
+        if self._pool is None:
+            for first, last, scratch in self._parts:
+                self.controllers.advance(first, last, journey, scratch)
+        else:
+            parts = [
+                self._pool.submit(self.controllers.advance, first, last, journey, scratch)
+                for first, last, scratch in self._parts
+            ]
+            for part in parts:
+                part.result()
+        self.steps += journey.taken
+
+    def drive(self, steps: int, lane: str | None = None) -> list[End]:
+        """Drive for so many steps each, episode after episode.
+
+        Robots that have not begun an episode begin their first one.
+
+        Args:
+            steps: Observations to answer, of 50 ms each; those that end an episode do not count.
+            lane: Lane of all episodes that begin; None for the lanes in turn.
+
+        Returns:
+            How episodes ended, in the order of robots, then of episodes.
+
+        Raises:
+            SpikelaneError: No such lane.
+            Interrupted: A signal has come.
+        """
+        ends: list[End] = []
+        journey = make_journey(len(self), min(steps, CALL_STEPS))
+        target = self.steps + steps
+        self._begin(lane)
+        while np.any(self.steps < target):
+            check()
+            journey.wanted[:] = np.minimum(target - self.steps, CALL_STEPS)
+            self.advance(journey)
+            for robot in np.flatnonzero(journey.has_ended).tolist():
+                ends.append(End(robot, self.simulators.lane_state(robot)))
+                self.reset(robot, lane)
+        return sorted(ends, key=lambda end: end.robot)
+
+    def lap(self, lane: str | None = None) -> tuple[list[LaneState], pd.DataFrame]:
+        """Drive an episode with each robot, to its end.
+
+        Args:
+            lane: Name of the lane; None for the course's first.
+
+        Returns:
+            The last lane state of each robot, and what happened in all steps: columns robot, step,
+            t_s, x_m, y_m, heading_rad, distance_m, left_rad_s and right_rad_s. The observation
+            that ended the episode is the lane state, and has no row.
+
+        Raises:
+            SpikelaneError: No such lane, or an episode that nothing ends.
+            Interrupted: A signal has come.
+        """
+        limits = self.simulators.world.limits
+        if not (limits.max_laps or limits.max_steps):
+            raise SpikelaneError(
+                'episode.max_laps, episode.max_steps: expected a limit, or a lap may never end'
+            )
+        for robot in range(len(self)):
+            self.reset(robot, lane, episode=1)
+        journey = make_journey(len(self), CALL_STEPS, has_places=True)
+        journey.wanted[:] = CALL_STEPS
+        rows: list[list[NDArray[np.float64]]] = [[] for _ in range(len(self))]
+        is_over = np.zeros(len(self), np.bool_)
+        while not is_over.all():
+            check()
+            self.advance(journey)
+            for robot, count in enumerate(journey.taken.tolist()):
+                answers, places = journey.answers[robot, :count], journey.places[robot, :count]
+                rows[robot].append(np.hstack([places, answers]))
+            is_over |= journey.has_ended
+            journey.wanted[is_over] = 0
+        ends = [self.simulators.lane_state(robot) for robot in range(len(self))]
+        return ends, _frame([np.concatenate(each) for each in rows])
+
+    def _begin(self, lane: str | None) -> None:
+        """Begin the first episode of the robots that have begun none."""
+        for robot in range(len(self)):
+            if not self.simulators.has_begun(robot):
+                self.reset(robot, lane)
+
+
+def _frame(tracks: list[NDArray[np.float64]]) -> pd.DataFrame:
+    """Return the steps of all robots as a table."""
+    steps = np.concatenate([np.arange(len(each)) for each in tracks])
+    columns = (*PLACE_COLUMNS, 'left_rad_s', 'right_rad_s')
+    values = dict(zip(columns, np.concatenate(tracks).T, strict=True))
+    robots = np.repeat(np.arange(len(tracks)), [len(each) for each in tracks])
+    return pd.DataFrame({'robot': robots, 'step': steps, 't_s': steps * STEP_S, **values})
