@@ -209,7 +209,7 @@ class Braitenberg:
         self.operations = Operations(decisions=1, synaptic=len(inputs))
         left, right = self.spikes
         self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
-        return wheels
+        return wheels  # type: ignore[no-any-return]  # numba carries no types
 
     def _keep(self, before: NetworkState, inputs: Spikes, fired: Spikes) -> None:
         """Keep what is to be recorded of a step that began with a state of the network."""

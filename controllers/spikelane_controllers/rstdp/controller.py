@@ -246,7 +246,7 @@ class RStdp:
         self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
         left, right = self.spikes
         self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
-        return wheels
+        return wheels  # type: ignore[no-any-return]  # numba carries no types
 
     def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and finite numbers.

@@ -122,7 +122,9 @@ def _rows(number: int, network: PlasticNetwork, parameters: RStdpParameters) -> 
     room = 2 * most_inputs(parameters)
     work = network.workspace
     rows = [np.zeros((number, *each.shape), each.dtype) for each in work]
-    return Workspace(*rows)._replace(flying=np.zeros((number, room), work.flying.dtype))
+    return Workspace(*rows)._replace(  # type: ignore[arg-type]
+        flying=np.zeros((number, room), work.flying.dtype)
+    )
 
 
 def _row(work: Workspace, robot: int) -> Workspace:

@@ -1,9 +1,10 @@
 """One robot of a fleet through one step of 50 ms, compiled.
 
-What happens in a step is what `Simulator.step` does, in the same order and with the same functions:
-the command is admitted and carried, the robot moves, is located, its progress is followed, and
-what its camera sees becomes events. Robots share a `World`, and whatever changes is in row i of the
-arrays of `Robots`, so that robots can be simulated in any order and on any thread.
+What happens in a step is what `Simulator.step` does, in the same order and with the same
+functions: the command is admitted and carried, the robot moves, is located, its progress is
+followed, and what its camera sees becomes events. Robots share a `World`, and whatever changes is
+in row i of the arrays of `Robots`, so that robots can be simulated in any order and on any
+thread.
 """
 
 from __future__ import annotations

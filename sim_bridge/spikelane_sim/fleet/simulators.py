@@ -81,7 +81,7 @@ class SimulatorFleet:
 
     def course(self, robot: int) -> Course:
         """Return the course that a robot drives on."""
-        return self._courses[self.robots.known['course'][robot]]
+        return self._courses[int(self.robots.known['course'][robot])]
 
     def reset(
         self, robot: int, lane: str | None = None, seed: int | None = None, *, episode: int = 1

@@ -122,7 +122,7 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
         first_lane=_bounds([len(each.lanes) for each in courses]),
         lengths_m=np.array([lane.length_m for lane in lanes]),
         starts=np.array([lane.start for lane in lanes]),
-        intensities=np.array([np.float32(each) for each in intensities], np.float64),
+        intensities=np.array(intensities, np.float32).astype(np.float64),
         lens=Camera(camera, courses[0]).lens,
         n_rows=ANTIALIAS_ROWS if camera.antialias else 1,
         width=camera.width,
