@@ -99,7 +99,8 @@ def render(
     if floor != background:
         clip_depth(scan, ground, lens)
         _draw(scan, 0, image.shape[0], n_rows, floor, background, image)
-    for i in range(pieces.shape[0]):
+    found = np.empty(pieces.shape[0], np.int64)
+    for i in found[: find_pieces(pieces, view, lens, image.shape[1], found)]:
         first, last = rows_of(pieces[i], view, lens, image.shape[0], image.shape[1])
         if first < last:
             clip_depth(scan, ground, lens)
@@ -146,14 +147,46 @@ def homography(lens: Array, view: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model='numpy')
+def find_pieces(
+    pieces: Array, view: Array, lens: Array, width: int, found: NDArray[np.int64]
+) -> int:
+    """Find the pieces whose circles reach into what the camera sees; return how many.
+
+    Args:
+        pieces: Markings.
+        view: The view.
+        lens: The lens.
+        width: Columns of the image.
+        found: Room for the numbers of all pieces.
+    """
+    fx, cx, near, far = lens[FX], lens[CX], lens[NEAR], lens[FAR]
+    x, y, z = view[EYE, 0], view[EYE, 1], view[EYE, 2]
+    ahead_x, ahead_y, ahead_z = view[FORWARD, 0], view[FORWARD, 1], view[FORWARD, 2]
+    right_x, right_y, right_z = view[RIGHT, 0], view[RIGHT, 1], view[RIGHT, 2]
+    # Squares of the lengths of the normals of the planes through the eye and the image's sides.
+    from_left, from_right = fx * fx + cx * cx, fx * fx + (width - cx) * (width - cx)
+    number = 0
+    for i in range(pieces.shape[0]):
+        dx, dy, radius = pieces[i, AROUND] - x, pieces[i, AROUND + 1] - y, pieces[i, AROUND + 2]
+        depth = ahead_x * dx + ahead_y * dy - ahead_z * z
+        if depth - radius > far or depth + radius < near:
+            continue
+        across = fx * (right_x * dx + right_y * dy - right_z * z)
+        left, right = across + cx * depth, (width - cx) * depth - across
+        squared = radius * radius
+        if left < 0.0 and left * left > squared * from_left:
+            continue
+        if right < 0.0 and right * right > squared * from_right:
+            continue
+        found[number] = i
+        number += 1
+    return number
+
+
+@numba.njit(cache=True, error_model='numpy')
 def rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> tuple[int, int]:
     """Return the range of rows that a piece can be seen in, empty where it is out of sight."""
     forward = view[FORWARD]
-    depth = -forward[2] * view[EYE, 2]
-    for i in range(2):
-        depth += forward[i] * (piece[AROUND + i] - view[EYE, i])
-    if depth - piece[AROUND + 2] > lens[FAR] or depth + piece[AROUND + 2] < lens[NEAR]:
-        return 0, 0
     near, far, left, right = True, True, True, True
     top, bottom, straddles = np.inf, -np.inf, False
     for i in range(CORNERS, CORNERS + 2 * N_CORNERS, 2):
