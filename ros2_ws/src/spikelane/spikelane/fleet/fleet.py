@@ -110,6 +110,23 @@ class Fleet:
         if self._pool is not None:
             self._pool.shutdown()
 
+    def controller(self, robot: int) -> Any:
+        """Return a robot's controller as it is now; to change it, see `load`."""
+        self.controllers.store(robot)
+        return self.controllers.controllers[robot]
+
+    def load(self, robot: int) -> None:
+        """Take over what a robot's controller is now, after it was restored or changed."""
+        self.controllers.load(robot)
+
+    def initialise(self) -> None:
+        """Draw initial weights for each controller that learns, as a training does."""
+        for robot, seed in enumerate(self._seeds):
+            controller = self.controllers.controllers[robot]
+            if hasattr(controller, 'initialise'):
+                controller.initialise(controller_rng(seed, 0))
+                self.load(robot)
+
     def reset(self, robot: int, lane: str | None = None, *, episode: int | None = None) -> None:
         """Begin a robot's next episode, or its first one.
 
@@ -127,9 +144,8 @@ class Fleet:
         state = self.simulators.reset(
             robot, lane, seed if is_first else None, episode=episode or 1
         )
-        self.controllers.store(robot)
-        self.controllers.controllers[robot].reset(controller_rng(seed, state.episode))
-        self.controllers.load(robot)
+        self.controller(robot).reset(controller_rng(seed, state.episode))
+        self.load(robot)
         self.controllers.look(robot)
 
     def advance(self, journey: Journey) -> None:
