@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import one_line, SpikelaneError
 
 
 class FileError(SpikelaneError):
@@ -52,20 +52,31 @@ def written_whole(path: Path, *, sync: bool = True) -> Iterator[BinaryIO]:
     Raises:
         FileError: As in `write_bytes_atomically`.
     """
+    with path_written_whole(path, sync=sync) as beside, beside.open('wb') as file:
+        yield file
+
+
+@contextlib.contextmanager
+def path_written_whole(path: Path, *, sync: bool = True) -> Iterator[Path]:
+    """Give the path of a file to be made, which gets its name once the block has ended well.
+
+    It is for what opens a file itself; otherwise it is `written_whole`.
+    """
     path = Path(path)
     beside = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open('wb') as file:
-            yield file
-            if sync:
-                file.flush()
+        yield beside
+        if sync:
+            with beside.open('rb') as file:
                 os.fsync(file.fileno())
         os.replace(beside, path)
         if sync:
             _sync_folder(path.parent)
     except OSError as error:
-        raise WriteError(f'{path}: cannot be written: {error.strerror}') from error
+        # HDF5 gives the number, and a text of many lines.
+        reason = os.strerror(error.errno) if error.errno else one_line(str(error))
+        raise WriteError(f'{path}: cannot be written: {reason}') from error
     finally:
         with contextlib.suppress(OSError):
             beside.unlink()

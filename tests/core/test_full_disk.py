@@ -12,13 +12,17 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
 from spikelane.main import run
+from spikelane.recording.record import written
 from spikelane.runs.lap.trajectory import read_csv
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.learning.scalar_log import ScalarLog
+from spikelane_controllers.quantities import Axis, Quantity
+from spikelane_sim.contract import STEP_NS
 from spikelane_sim.files import append_bytes, WriteError
 from spikelane_sim.parsing import parse_json, read_json_file, read_yaml_file
 
@@ -30,6 +34,10 @@ matrix: {controllers: [braitenberg], robots: [kinematic], seeds: 1, tasks: {eval
 """
 _COMMANDS = {
     'lap': ('lap', *_SHORT, '--transport', 'inprocess', '--out', '{disk}/out'),
+    'lap --record': (
+        *('lap', *_SHORT, '--transport', 'inprocess', '--record', 'all'),
+        *('--out', '{disk}/out'),
+    ),
     'evaluate': ('evaluate', *_SHORT, '--out', '{disk}/out'),
     'train rstdp': ('train', 'rstdp', *_USUAL, '--steps', '20', '--out', '{disk}/out'),
     'train dqn': ('train', 'dqn', *_USUAL, '--steps', '2', '--out', '{disk}/out'),
@@ -166,6 +174,23 @@ def test_a_figure_that_does_not_fit_is_named(
             has_page = (disk / 'out/report.html').exists()
             assert has_page == ('page (report.html)' not in lacking)
         assert not list(disk.rglob('*.part'))
+
+
+def test_a_recording_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    """However much of it has been written; it leaves nothing."""
+    quantity = Quantity('values', 'noise', '1', (Axis('place', tuple(map(str, range(10_000)))),))
+    rng = np.random.default_rng(0)
+    disk, written_steps = tmp_path / 'disk', 0
+    with limited_disk(disk, 24 << 20) as cause:
+        with (  # noqa: PT012  # where it fails is not known
+            pytest.raises(WriteError, match=rf'disk/recording\.nc: cannot be written: {cause}'),
+            written(disk / 'recording.nc', [quantity], {}) as append,
+        ):
+            for step in range(1, 1000):
+                append(step * STEP_NS, 1, step, {'values': rng.random((1, 10_000))})
+                written_steps = step
+        assert list(disk.iterdir()) == []
+    assert 100 < written_steps < 300
 
 
 class _Trained:

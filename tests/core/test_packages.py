@@ -24,6 +24,7 @@ MANIFESTS = [
 KEYS = {
     'PIL': 'python3-pil',
     'gymnasium': 'python3-gymnasium-pip',
+    'h5py': 'python3-h5py',
     'jinja2': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',

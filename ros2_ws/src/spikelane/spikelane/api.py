@@ -14,6 +14,14 @@ import pandas as pd
 from spikelane.finished import load_run, Run
 from spikelane.frames import events_frame, spikes_frame, StepSpikes, trajectory_frame
 from spikelane.lock import locked
+from spikelane.recording.record import (
+    check_recordable,
+    facts_of,
+    recorded,
+    Recording,
+    RecordStep,
+    temporary_recording,
+)
 from spikelane.requirements import require
 from spikelane.runs.configuration import (
     check_seed,
@@ -28,7 +36,7 @@ from spikelane.runs.lap.config import LapConfig, limit_drive
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_with, DrivenLap, report_lap
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import train_and_report
+from spikelane.runs.train.run import check_training_recordable, train_and_report
 from spikelane_controllers import registry
 from spikelane_controllers.registry import training_card
 from spikelane_controllers.shown import shown_by
@@ -79,6 +87,7 @@ def drive(
     robot: str | None = None,
     engine: str | None = None,
     parameters: Values | None = None,
+    record: Sequence[str] = (),
     out: str | Path | None = None,
 ) -> Run:
     """Drive a lap, as `spikelane lap --transport inprocess`.
@@ -94,11 +103,13 @@ def drive(
         engine: 'pybullet' or 'kinematic', what moves the robot; None for the first.
         parameters: Others than the defaults, as {'simulator.camera.fov_deg': 90}; those of a
             controller that is given by its name under that name.
+        record: Quantities that the controller is to record, as ['spikes', 'weights'], or ['all'];
+            see `Run.recorded`.
         out: Folder that the lap leaves, new or empty; None to write nothing. With a folder the
             controller must be given by its name.
 
     Returns:
-        The lap with `trajectory`, `events`, `spikes` and `metrics`.
+        The lap with `trajectory`, `events`, `spikes` and `metrics`, and `recorded` tables.
 
     Raises:
         SpikelaneError: Anything is unknown or not allowed.
@@ -108,10 +119,10 @@ def drive(
         given |= _checkpoint(controller, checkpoint)
         asked = Request(str(scenario), controller, seed, parameters=given)
         config = LapConfig.make(asked, lane)
-        return _drive_configured(config, None if out is None else Path(out))
+        return _drive_configured(config, None if out is None else Path(out), tuple(record))
     if out is not None or checkpoint is not None:
         raise ParameterError('out, checkpoint: expected the name of a controller with them')
-    return _drive_made(controller, str(scenario), lane, seed, given)
+    return _drive_made(controller, str(scenario), lane, seed, given, tuple(record))
 
 
 def train(
@@ -123,6 +134,7 @@ def train(
     robot: str | None = None,
     engine: str | None = None,
     parameters: Values | None = None,
+    record: Sequence[str] = (),
     out: str | Path | None = None,
 ) -> Run:
     """Let a controller learn by driving, as `spikelane train`.
@@ -136,6 +148,7 @@ def train(
         robot: As in `drive`.
         engine: As in `drive`.
         parameters: As in `drive`; those of the training are in the group `training`.
+        record: As in `drive`.
         out: Folder that the training leaves, new or empty; None for `runs/train-...`, numbered
             where it exists.
 
@@ -149,9 +162,10 @@ def train(
     given = _given(robot, engine, parameters)
     asked = Request(str(scenario), controller, seed, parameters=given)
     config = TrainConfig.make(asked, steps)
+    check_training_recordable(config, record)
     folder = RunFolder.begin(config, None if out is None else Path(out))
     with locked(folder.path):
-        train_and_report(config, folder, _show_nothing, resume=False)
+        train_and_report(config, folder, _show_nothing, resume=False, record=record)
     return load_run(folder.path)
 
 
@@ -167,6 +181,7 @@ def evaluate(
     robot: str | None = None,
     engine: str | None = None,
     parameters: Values | None = None,
+    record: Sequence[str] = (),
     out: str | Path | None = None,
 ) -> Run:
     """Measure a controller over laps and seeds, as `spikelane evaluate`.
@@ -182,6 +197,7 @@ def evaluate(
         robot: As in `drive`.
         engine: As in `drive`.
         parameters: As in `drive`.
+        record: As in `drive`; each lap's folder in `laps` has its `recording.nc`.
         out: Folder that the evaluation leaves, new or empty; None for `runs/evaluate-...`,
             numbered where it exists.
 
@@ -195,30 +211,44 @@ def evaluate(
     what = {'seeds': seeds, 'lanes': tuple(lanes), 'courses': tuple(courses)}
     asked = Request(str(scenario), controller, seed, parameters=given)
     config = EvaluateConfig.make(asked, what)
+    check_recordable(config, record)
     folder = RunFolder.begin(config, None if out is None else Path(out))
     with locked(folder.path):
-        run_evaluation(config, folder, _show_nothing)
+        run_evaluation(config, folder, _show_nothing, record)
     return load_run(folder.path)
 
 
-def _drive_configured(config: LapConfig, out: Path | None) -> Run:
+def _drive_configured(config: LapConfig, out: Path | None, record: tuple[str, ...]) -> Run:
     """Drive a lap with a controller that is known by its name."""
+    check_recordable(config, record)
     folder = None if out is None else RunFolder.begin(config, out)
     controller = configured_controller(config)
-    watch = _Watch(controller)
-    driven = drive_with(
-        controller, config.simulator, config.filter, config.lane, config.seed, watch
-    )
+    recording, keep = None, None
+    if record and folder is not None:
+        recording = Recording(folder.recording, record)
+    elif record:
+        recording, keep = temporary_recording(record)
+    with recorded(controller, recording, facts_of(config)) as record_step:
+        watch = _Watch(controller, record_step)
+        driven = drive_with(
+            controller, config.simulator, config.filter, config.lane, config.seed, watch
+        )
     if folder is None:
         metrics = lap_metrics(driven.trajectory, STEP_S)
     else:
         metrics = report_lap(config, driven, folder)
     path = None if folder is None else folder.path
-    return Run(path, config.to_dict(), metrics, watch.tables(driven))
+    file = None if recording is None else recording.path
+    return Run(path, config.to_dict(), metrics, watch.tables(driven), file, keep)
 
 
 def _drive_made(
-    controller: Controller, scenario: str, lane: str | None, seed: int, given: Values
+    controller: Controller,
+    scenario: str,
+    lane: str | None,
+    seed: int,
+    given: Values,
+    record: tuple[str, ...],
 ) -> Run:
     """Drive a lap with any object that is a controller."""
     check_seed(seed)
@@ -229,28 +259,36 @@ def _drive_made(
     lane = course.lane(lane).name if lane else next(iter(course.lanes))
     length_m = max(each.length_m for each in course.lanes.values())
     parameters = limit_drive(parameters, given, length_m)
-    watch = _Watch(controller)
-    driven = drive_with(controller, parameters, filters, lane, seed, watch)
+    recording, keep = temporary_recording(record) if record else (None, None)
+    name = type(controller).__name__
+    facts = {'controller': name, 'scenario': scenario, 'seed': seed}
+    with recorded(controller, recording, facts) as record_step:
+        watch = _Watch(controller, record_step)
+        driven = drive_with(controller, parameters, filters, lane, seed, watch)
+    file = None if recording is None else recording.path
     config = {
         'scenario': scenario,
-        'controller': type(controller).__name__,
+        'controller': name,
         'lane': lane,
         'seed': seed,
         'simulator': parameters.to_dict(),
         'filter': filters.chosen(),
     }
-    return Run(None, config, lap_metrics(driven.trajectory, STEP_S), watch.tables(driven))
+    metrics = lap_metrics(driven.trajectory, STEP_S)
+    return Run(None, config, metrics, watch.tables(driven), file, keep)
 
 
 class _Watch:
-    """Keeps the events and spikes of a drive."""
+    """Keeps the events and spikes of a drive, and has its steps recorded."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, record_step: RecordStep) -> None:
         self._controller = controller
+        self._record_step = record_step
         self._events: dict[int, Events] = {}
         self._spikes: dict[int, StepSpikes] = {}
 
     def __call__(self, observation: Observation, wheels: WheelVelocities) -> None:
+        self._record_step(observation)
         shown = shown_by(self._controller)
         self._events[observation.stamp_ns] = observation.events
         self._spikes[observation.stamp_ns] = StepSpikes(shown.neurons, shown.spikes)

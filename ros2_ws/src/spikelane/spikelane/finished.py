@@ -38,6 +38,8 @@ class Run:
         config: Mapping[str, Any],
         metrics: Mapping[str, Any],
         tables: Mapping[str, pd.DataFrame] | None = None,
+        recording: Path | None = None,
+        keep: object = None,
     ) -> None:
         """Take what is known already.
 
@@ -46,10 +48,14 @@ class Run:
             config: As in the class.
             metrics: As in the class.
             tables: Tables that need not be read, by the property's name.
+            recording: File of the recording, where it is not in the folder.
+            keep: What must live as long as the run.
         """
         self.folder = folder
         self.config = dict(config)
         self.metrics = dict(metrics)
+        self._recording = recording
+        self._keep = keep
         self._tables: dict[str, pd.DataFrame] = dict(tables or {})
 
     def __repr__(self) -> str:
@@ -98,6 +104,43 @@ class Run:
 
         return self._table(
             'spikes', lambda: recorded_spikes(self._bag(), self.trajectory['stamp_ns'])
+        )
+
+    @property
+    def recording(self) -> Path:
+        """The file of what the controller recorded of itself: NetCDF, for `xarray.open_dataset`.
+
+        A run has it where it was asked for, with `record=` or `--record`. Of a run without a
+        folder it is in a temporary one, which is removed together with this object.
+        """
+        if self._recording is not None:
+            return self._recording
+        return self._file('recording.nc', 'a run with --record')
+
+    def recorded(self, quantity: str) -> pd.DataFrame:
+        """Return a quantity that the controller recorded, in the order of time.
+
+        Args:
+            quantity: Its name, as 'spikes' or 'weights'.
+
+        Returns:
+            `time_ns` simulation time [ns]; a category for each axis, as `neuron` and `input`
+            ('row,column' of the input's cell in the image); and except of spikes `value` in the
+            quantity's unit, the attribute `units` of the variable in the file.
+
+        Raises:
+            RunError: The run has no recording, or the recording not this quantity.
+            FileError: It cannot be read.
+        """
+        from spikelane.recording.tables import recorded_names, recorded_table
+
+        names = recorded_names(self.recording)
+        if quantity not in names:
+            raise RunError(
+                f'{self.recording}: expected one of {", ".join(names)}, got {quantity!s:.80}'
+            )
+        return self._table(
+            f'recorded {quantity}', lambda: recorded_table(self.recording, quantity)
         )
 
     @property

@@ -115,6 +115,16 @@ def add_controller_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_record_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare what is recorded of the controller, which `parse_names` reads."""
+    parser.add_argument(
+        '--record',
+        metavar='NAMES',
+        help='record quantities of the controller in recording.nc (NetCDF), with commas between '
+        'them, for example spikes,weights; all: everything that the controller offers',
+    )
+
+
 def given_weights(options: argparse.Namespace) -> dict[str, str]:
     """Return the parameter that a given checkpoint is.
 

@@ -4,6 +4,7 @@
         config.yaml     everything that determines the run, with seeds and versions
         bag/            what was said on the graph, MCAP
         trajectory.csv  one row per step
+        recording.nc    what happened inside the controller, on request
         episodes.csv    one row per episode of a training
         checkpoint.*    what a training stands at
         states.zst      states met in a training of the deep Q-network
@@ -139,6 +140,11 @@ class RunFolder:
     def trajectory(self) -> Path:
         """CSV: one row per step."""
         return self.path / 'trajectory.csv'
+
+    @property
+    def recording(self) -> Path:
+        """NetCDF: what the controller recorded of itself, on request (`spikelane.recording`)."""
+        return self.path / 'recording.nc'
 
     @property
     def checkpoint(self) -> Path:

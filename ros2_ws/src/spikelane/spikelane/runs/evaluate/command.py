@@ -6,9 +6,11 @@ import argparse
 import json
 from typing import Any
 
+from spikelane.recording.record import check_recordable, parse_names
 from spikelane.runs.arguments import (
     add_configuration_arguments,
     add_controller_arguments,
+    add_record_argument,
     given_parameters,
     given_weights,
     request_of,
@@ -64,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--resume', action='store_true', help='resume the evaluation in the folder'
     )
+    add_record_argument(parser)
     add_configuration_arguments(parser, transport='inprocess', out='runs/evaluate-...')
 
 
@@ -80,8 +83,10 @@ def run(options: argparse.Namespace) -> int:
         request_of(options, _parameters(options)),
         {'seeds': options.seeds, 'lanes': options.lanes, 'courses': options.courses},
     )
+    record = parse_names(options.record)
+    check_recordable(config, record)
     with run_folder(options, config, '%') as (folder, show):
-        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share))
+        metrics = evaluate(config, folder, lambda steps, share: show(steps, 100.0 * share), record)
         result = {**metrics, 'folder': str(folder.path)}
         if 'by_course' in metrics['summary']:
             result['figure'] = str(draw_some_courses(config, folder, metrics))

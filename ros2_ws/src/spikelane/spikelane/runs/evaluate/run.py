@@ -7,7 +7,7 @@ those of one that never was: nothing in `metrics.json` depends on when or where 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import shutil
 from typing import Any
@@ -33,13 +33,16 @@ class LapRow(SummarisedLap):
     operations: Operations | None
 
 
-def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict[str, Any]:
+def evaluate(
+    config: EvaluateConfig, folder: RunFolder, show: ShowShare, record: Sequence[str] = ()
+) -> dict[str, Any]:
     """Drive the laps that are not in the folder yet, and write the metrics of all.
 
     Args:
         config: What to drive.
         folder: Where laps and metrics go.
         show: Called after every step, over ROS about once a second.
+        record: Quantities that the controller is to record in each lap that is driven now.
 
     Returns:
         The metrics, ready for JSON.
@@ -63,7 +66,7 @@ def evaluate(config: EvaluateConfig, folder: RunFolder, show: ShowShare) -> dict
             share = min(max(progress_m / expected_m, 0.0), 1.0)
             show(steps + step, (done + share) / len(laps))
 
-        rows.append(_row_of(each, folder.laps / each.name, show_lap))
+        rows.append(_row_of(each, folder.laps / each.name, show_lap, record))
         steps += rows[-1]['steps']
         show(steps, (number + 1) / len(laps))
     metrics = evaluation_metrics(config, rows)
@@ -106,7 +109,9 @@ def draw_some_courses(
     return figure
 
 
-def _row_of(each: LapOfEvaluation, path: Path, show: OnProgress) -> dict[str, Any]:
+def _row_of(
+    each: LapOfEvaluation, path: Path, show: OnProgress, record: Sequence[str]
+) -> dict[str, Any]:
     """Drive a lap, or read what is left of it."""
     folder = RunFolder(path)
     if folder.metrics.exists():
@@ -114,7 +119,7 @@ def _row_of(each: LapOfEvaluation, path: Path, show: OnProgress) -> dict[str, An
     # A lap that was interrupted restarts.
     shutil.rmtree(path, ignore_errors=True)
     RunFolder.create(path, numbered=False)
-    driven = drive(each.config, folder, show)
+    driven = drive(each.config, folder, show, record=record)
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     row = {

@@ -6,9 +6,11 @@ import argparse
 import json
 from typing import Any
 
+from spikelane.recording.record import check_recordable, parse_names
 from spikelane.runs.arguments import (
     add_configuration_arguments,
     add_controller_arguments,
+    add_record_argument,
     given_parameters,
     given_weights,
     request_of,
@@ -23,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     add_controller_arguments(parser)
     parser.add_argument('--lane', help="outer or inner (default: the course's first, outer)")
+    add_record_argument(parser)
     add_configuration_arguments(parser)
 
 
@@ -37,8 +40,10 @@ def run(options: argparse.Namespace) -> int:
     """
     asked = request_of(options, given_parameters(options) | given_weights(options))
     config = LapConfig.make(asked, options.lane)
+    record = parse_names(options.record)
+    check_recordable(config, record)
     with run_folder(options, config) as (folder, show):
-        result = report_lap(config, drive(config, folder, show), folder)
+        result = report_lap(config, drive(config, folder, show, record=record), folder)
     print(json.dumps(result) if options.json else _summary(result))
     return 0 if result['completed'] else 1
 
@@ -56,5 +61,6 @@ def _summary(result: dict[str, Any]) -> str:
         'events': f'{result["events"]}',
         'bag': result['bag'] or 'none (in-process)',
         'figure': result['figure'],
+        **({'recording': result['recording']} if 'recording' in result else {}),
     }
     return in_lines(lines)

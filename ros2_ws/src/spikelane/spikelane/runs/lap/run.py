@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
 from spikelane.loop import drive_episode, OnStep
+from spikelane.recording.record import facts_of, recorded, Recording
 from spikelane.runs.configuration import configured_controller
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
@@ -45,42 +46,53 @@ def drive(
     folder: RunFolder,
     show: OnProgress,
     viewer: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
 ) -> DrivenLap:
     """Drive a lap in this process or over ROS, as its configuration says.
 
     Args:
         config: What to drive.
-        folder: Where bag, logs and node parameters go, over ROS.
+        folder: Where the recording goes, and over ROS bag, logs and node parameters.
         show: Called after every step, over ROS about once a second.
         viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.
+        record: Quantities that the controller is to record; none for no recording.
 
     Raises:
         SpikelaneError: The lap cannot be driven, or its recording is not complete.
     """
     if config.transport == 'inprocess':
-        return drive_lap(config, show)
+        asked = Recording(folder.recording, tuple(record)) if record else None
+        return drive_lap(config, show, asked)
     driven: DrivenLap = over_ros('lap.nodes.driving', 'drive_lap_over_ros')(
-        config, folder, show, viewer
+        config, folder, show, viewer, record
     )
     return driven
 
 
-def drive_lap(config: LapConfig, show: OnProgress) -> DrivenLap:
+def drive_lap(
+    config: LapConfig, show: OnProgress, recording: Recording | None = None
+) -> DrivenLap:
     """Drive a lap in this process.
 
     Args:
         config: What to drive.
         show: Called after every step.
+        recording: What the controller is to record; None for nothing.
+
+    Raises:
+        SpikelaneError: The controller does not offer that, or the file cannot be written.
     """
-
-    def on_step(observation: Observation, wheels: WheelVelocities) -> None:
-        if observation.lane is not None:
-            show(observation.lane.step, observation.lane.progress_m)
-
     controller = configured_controller(config)
-    return drive_with(
-        controller, config.simulator, config.filter, config.lane, config.seed, on_step
-    )
+    with recorded(controller, recording, facts_of(config)) as record_step:
+
+        def on_step(observation: Observation, wheels: WheelVelocities) -> None:
+            record_step(observation)
+            if observation.lane is not None:
+                show(observation.lane.step, observation.lane.progress_m)
+
+        return drive_with(
+            controller, config.simulator, config.filter, config.lane, config.seed, on_step
+        )
 
 
 def drive_with(
@@ -149,5 +161,7 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         'bag': None if driven.bag is None else str(driven.bag),
         'figure': str(figure),
     }
+    if folder.recording.exists():
+        result['recording'] = str(folder.recording)
     folder.write_metrics(result)
     return result

@@ -7,16 +7,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+from spikelane.recording.record import parse_names
 from spikelane.requirements import require
 from spikelane.runs.arguments import (
     add_configuration_arguments,
+    add_record_argument,
     given_parameters,
     request_of,
 )
 from spikelane.runs.command import run_folder
 from spikelane.runs.output import in_lines
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import train_and_report
+from spikelane.runs.train.run import check_training_recordable, train_and_report
 from spikelane_controllers.learning.results import FinishedRun
 from spikelane_controllers.registry import (
     training_card,
@@ -56,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='resume the training in the folder, whether it was interrupted or completed',
     )
+    add_record_argument(parser)
     add_configuration_arguments(parser, transport='inprocess', out='runs/train-...')
 
 
@@ -71,8 +74,10 @@ def run(options: argparse.Namespace) -> int:
     require([training_card(options.controller).requires])
     asked = request_of(options, given_parameters(options) | _device(options))
     config = TrainConfig.make(asked, options.steps)
+    record = parse_names(options.record)
+    check_training_recordable(config, record, resume=options.resume)
     with run_folder(options, config) as (folder, show):
-        result = train_and_report(config, folder, show, resume=options.resume)
+        result = train_and_report(config, folder, show, resume=options.resume, record=record)
         if options.resume:  # perhaps for more steps than before
             folder.write_config(config, options.command_line)
     print(json.dumps(result) if options.json else _summary(config, result))
@@ -102,5 +107,6 @@ def _summary(config: TrainConfig, result: dict[str, Any]) -> str:
         **training_results(config.controller)(run).summary(),
         'checkpoint': result['checkpoint'],
         'figures': ', '.join(result['figures']),
+        **({'recording': result['recording']} if 'recording' in result else {}),
     }
     return in_lines(lines)

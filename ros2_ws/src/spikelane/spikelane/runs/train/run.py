@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import contextlib
 import csv
 import io
@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from spikelane.interruption import check
+from spikelane.recording.record import check_recordable, facts_of, recorded, Recording
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.output import OnProgress
 from spikelane.runs.train.config import learning_controller, TrainConfig
@@ -29,6 +30,7 @@ from spikelane_controllers.registry import (
     training_results,
 )
 from spikelane_sim.contract import controller_rng, sensors_of
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.filters import FilterStage
 from spikelane_sim.simulator import Simulator
@@ -54,6 +56,27 @@ def make_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Tr
     return training
 
 
+def check_training_recordable(
+    config: TrainConfig, record: Sequence[str], *, resume: bool = False
+) -> None:
+    """Check that the controller offers what is to be recorded, and that it can be.
+
+    Raises:
+        SpikelaneError: It cannot.
+    """
+    check_recordable(config, record)
+    if record and config.transport != 'inprocess':
+        raise ParameterError(
+            'record: expected a training in this process (--transport inprocess), which learns '
+            f'the same bit for bit, got {config.transport}'
+        )
+    if record and resume:
+        raise ParameterError(
+            'record: expected a training that begins, as its recording has every step, '
+            'got one that is resumed'
+        )
+
+
 def train_and_report(
     config: TrainConfig,
     folder: RunFolder,
@@ -61,10 +84,11 @@ def train_and_report(
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Train as `train` does, and report as `report_training` does."""
     start_s = time.monotonic()
-    train(config, folder, show, resume=resume, viewer=viewer)
+    train(config, folder, show, resume=resume, viewer=viewer, record=record)
     return report_training(config, folder, None if resume else time.monotonic() - start_s)
 
 
@@ -75,6 +99,7 @@ def train(
     *,
     resume: bool,
     viewer: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
 ) -> Training:
     """Train in this process or over ROS, as the configuration says.
 
@@ -84,9 +109,10 @@ def train(
         show: Called after every step, over ROS about once a second.
         resume: Whether to go on from the folder's checkpoint.
         viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.
+        record: Quantities that the controller is to record, in this process.
 
     Raises:
-        SpikelaneError: As in `make_training`, or a checkpoint cannot be written.
+        SpikelaneError: As in `make_training`, or a file cannot be written.
         Interrupted: A signal has come; the training can be resumed from its last checkpoint.
     """
     if config.transport == 'ros':
@@ -97,7 +123,11 @@ def train(
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
     sensors = sensors_of(controller_class(config.controller))
-    with Simulator(config.simulator, sensors=sensors) as simulator:
+    asked = Recording(folder.recording, tuple(record)) if record else None
+    with (
+        recorded(training.controller, asked, facts_of(config)) as record_step,
+        Simulator(config.simulator, sensors=sensors) as simulator,
+    ):
         camera = config.simulator.camera
         stage = FilterStage(config.filter, camera.width, camera.height)
         lane, episode = training.start
@@ -108,6 +138,7 @@ def train(
             if state.step == 0:
                 training.reset(controller_rng(config.seed, state.episode))
             wheels = training.step(stage.observe(observation))
+            record_step(observation)
             show(training.steps, state.progress_m)
             check()
             observation = simulator.reset() if state.terminated else simulator.step(wheels)
@@ -134,6 +165,8 @@ def report_training(
         'checkpoint': str(folder.checkpoint),
         'figures': [str(file) for file in _draw(results, folder.figures, name)],
     }
+    if folder.recording.exists():
+        result['recording'] = str(folder.recording)
     folder.write_metrics(result)
     return result
 

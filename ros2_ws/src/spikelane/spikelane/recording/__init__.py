@@ -1,0 +1,1 @@
+"""The recording of what happens inside a controller: spikes, potentials, traces, weights."""
