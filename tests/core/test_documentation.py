@@ -77,13 +77,14 @@ OURS = [line for line in COMMANDS if called(line)]
 
 @pytest.fixture(autouse=True)
 def _with_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Install the entry points of the example of adding a controller."""
+    """Install the entry points of the examples of adding a controller."""
     folder = tmp_path / 'my_controllers-0.1.dist-info'
     folder.mkdir()
     (folder / 'METADATA').write_text('Metadata-Version: 2.1\nName: my_controllers\n')
     (folder / 'entry_points.txt').write_text(
         '[spikelane.controllers]\n'
         'balance = spikelane_controllers.braitenberg.controller:Braitenberg\n'
+        'norse_lane = spikelane_controllers.braitenberg.controller:Braitenberg\n'
         'learning_balance = spikelane_controllers.rstdp.controller:RStdp\n'
         '[spikelane.trainings]\n'
         'learning_balance = spikelane_controllers.learning.training:Training\n'

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.ros
 
 DOCS = Path(__file__).parents[2] / 'docs'
 EXAMPLE = DOCS / 'examples/balance'
+NORSE = DOCS / 'examples/norse'
 DEADLINE_S = 250
 
 Run = Callable[..., dict[str, Any]]
@@ -86,7 +87,7 @@ class Forgetful:
 
 @pytest.fixture(scope='module')
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with copies of the example and of the broken package, as pip installs them.
+    """Give a folder with copies of the examples and of the broken package, installed by pip.
 
     They are installed into an environment of its own, `venv`, which has all that this one has.
     """
@@ -98,12 +99,13 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     libraries = {str(Path(pytest.__file__).parents[1]), str(Path(np.__file__).parents[1])}
     lines = [f'import site; site.addsitedir({each!r})' for each in sorted(libraries)]
     Path(told.stdout.strip(), 'libraries.pth').write_text('\n'.join(lines), encoding='utf-8')
-    shutil.copytree(EXAMPLE, workspace / 'balance')
+    for example in (EXAMPLE, NORSE):
+        shutil.copytree(example, workspace / example.name)
     for name, text in BROKEN.items():
         path = workspace / 'broken' / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text.lstrip(), encoding='utf-8')
-    for package in ('balance', 'broken'):
+    for package in ('balance', 'norse', 'broken'):
         pip = [python, '-m', 'pip', 'install', '-e', '.']
         done = subprocess.run(
             pip, cwd=workspace / package, capture_output=True, text=True, check=False
@@ -146,13 +148,11 @@ def test_the_page_shows_the_files_that_are_tested() -> None:
     """Each as it is, and no Python file is left out."""
     page = (DOCS / 'add_a_controller.md').read_text('utf-8')
     shown = dict(
-        re.findall(
-            r'^\[`[^`]+`\]\((examples/balance/\S+)\)\n\n```\w+\n(.*?)```', page, re.M | re.S
-        )
+        re.findall(r'^\[`[^`]+`\]\((examples/\S+)\)\n\n```\w+\n(.*?)```', page, re.M | re.S)
     )
     for path, text in shown.items():
         assert (DOCS / path).read_text('utf-8') == text
-    names = {Path(path).name for path in shown}
+    names = {Path(path).name for path in shown if path.startswith('examples/balance/')}
     modules = {'balance.py', 'cards.py', 'learning_balance.py', 'metered.py'}
     assert names == modules | {'pyproject.toml', 'setup.py'}
 
@@ -276,6 +276,41 @@ def test_the_checks_of_the_page_pass(workspace: Path) -> None:
         {'controller': name, 'transport': transport, 'passed': True, 'violations': []}
         for name, transport in (('balance', 'inprocess'), ('learning_balance', 'ros'))
     ]
+
+
+def test_a_network_in_norse_drives_a_lap(run: Run) -> None:
+    """With the weights of its package, nearer to the lane's centre than 0.01 m."""
+    result = run('lap', '--controller', 'norse_lane', '--transport', 'inprocess', '--seed', '1')
+    assert result['completed']
+    assert result['mean_abs_distance_m'] < 0.01
+
+
+def test_a_network_in_norse_drives_the_same_over_ros(workspace: Path) -> None:
+    """It keeps all other rules of the contract as well."""
+    check = ('check', 'norse_lane', '--transport', 'ros', '--json')
+    ended = run_python(workspace, '-m', 'spikelane.main', *check)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert json.loads(ended.stdout)['violations'] == []
+
+
+def test_a_network_in_norse_learns_to_answer_as_rstdp(run: Run, workspace: Path) -> None:
+    """Its error falls to less than half in a short training, whose weights can be driven with."""
+    train = ('--steps', '1000', '--updates', '20', '--out', 'learnt.safetensors')
+    ended = run_python(workspace, '-m', 'norse_lane.train', *train)
+    assert ended.returncode == 0, ended.stderr
+    first, last = map(float, re.findall(r'0\.\d+', ended.stdout))
+    assert last < first / 2
+    weights = ('--param', f'norse_lane.weights={workspace}/learnt.safetensors')
+    limit = ('--param', 'simulator.episode.max_steps=20')
+    drive = ('lap', '--controller', 'norse_lane', '--transport', 'inprocess')
+    assert run(*drive, *weights, *limit, status=1)['reason'] == 'step_limit'
+    none = run_python(
+        workspace, '-m', 'spikelane.main', *drive, '--param', 'norse_lane.weights=nowhere'
+    )
+    assert none.returncode == 2
+    assert none.stderr.endswith(
+        'weights: expected a file that norse_lane.train has written, got nowhere\n'
+    )
 
 
 def test_it_has_a_reference_of_its_parameters(workspace: Path) -> None:

@@ -1,0 +1,1 @@
+"""A controller whose spiking network is written in Norse."""
