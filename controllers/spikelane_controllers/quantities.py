@@ -85,9 +85,11 @@ def begin_to_record(name: str, controller: Any, names: Collection[str]) -> tuple
         The quantities, in the order in which the controller offers them.
 
     Raises:
-        ParameterError: The controller does not offer one of them.
+        ParameterError: The controller does not offer one of them, or cannot record.
     """
     chosen = chosen_quantities(name, shown_by(controller).quantities, names)
+    if chosen and not callable(getattr(controller, 'record', None)):
+        raise ParameterError(f'{name}: expected a method record(names), got none')
     if chosen:
         controller.record([each.name for each in chosen])
     return chosen

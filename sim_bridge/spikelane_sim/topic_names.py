@@ -17,6 +17,8 @@ TWIST = 'cmd_vel'
 
 CONTROLLER_STATE = 'controller/state'
 WEIGHTS = 'controller/weights'
+#: What a controller records of itself, where it is asked to.
+RECORDED = 'controller/recorded'
 
 #: How publishers and the recorder meet, see `spikelane_sim.nodes.meeting`.
 RECORDER_STATE = 'recorder/state'

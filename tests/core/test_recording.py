@@ -297,6 +297,26 @@ def test_axes_of_one_name_must_have_the_same_labels(tmp_path: Path) -> None:
         RecordingFile(tmp_path / 'a.nc', [VALUES, others], {})
 
 
+@pytest.mark.parametrize(
+    ('samples', 'message'),
+    [
+        ({}, 'recorded values: expected an array of the shape (1, 2), got none'),
+        (
+            {'values': np.zeros(2)},
+            'recorded values: expected an array of the shape (1, 2), got one of (2,)',
+        ),
+    ],
+)
+def test_samples_that_an_own_controller_gets_wrong_are_named(
+    samples: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    """Instead of a file that nobody can read."""
+    file = RecordingFile(tmp_path / 'a.nc', [VALUES], {})
+    with pytest.raises(ParameterError) as caught:
+        file.append(STEP_NS, 1, 1, samples)
+    assert str(caught.value) == message
+
+
 def test_a_damaged_recording_is_named(lap: spikelane.Run, tmp_path: Path) -> None:
     """A file that breaks off."""
     file = tmp_path / 'recording.nc'

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+import numpy as np
 import pandas as pd
 import pytest
 from rosbags.highlevel import AnyReader
+import xarray as xr
 import yaml
 
 import spikelane
@@ -210,6 +212,34 @@ def test_learnt_weights_are_recorded(tmp_path: Path) -> None:
     """Once at least, as they do not change while a lap is driven."""
     learnt = drive_short(tmp_path / 'learnt', '--transport', 'ros', '--controller', 'rstdp')
     assert learnt.listed_topics()['/controller/weights']['message_count'] >= 1
+
+
+def test_a_recording_and_the_bag_hold_the_same_numbers(tmp_path: Path) -> None:
+    """As in process; the bag's are read with another reader."""
+    options = ('--controller', 'rstdp', '--record', 'all')
+    over_ros, within = (
+        drive_short(tmp_path / each, *options, '--transport', each)
+        for each in ('ros', 'inprocess')
+    )
+    assert over_ros.errors == ''
+    datasets = [xr.load_dataset(lap.folder / 'recording.nc') for lap in (over_ros, within)]
+    assert datasets[0].identical(datasets[1])
+    assert datasets[0]['weights'].shape == (STEPS + 1, 2, 32)
+    assert float(np.abs(datasets[0]['traces'].diff('step')).max()) > 0
+    with (over_ros.bag / 'bag_0.mcap').open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        steps = [each[3] for each in reader.iter_decoded_messages(['/controller/recorded'])]
+    assert len(steps) == STEPS + 1
+    quantities = [{each.name: each for each in step.quantities} for step in steps]
+    for name, values in (('weights', 64), ('traces', 64), ('potentials', 100), ('dopamine', 2)):
+        data = np.array([each[name].data for each in quantities])
+        assert np.array_equal(data.ravel(), datasets[0][name].values.ravel())
+        assert data.shape == (STEPS + 1, values)
+    sources = [index for each in quantities for index in each['spikes'].sources]
+    assert sources == datasets[0]['spikes_neuron'].values.tolist()
+    assert len(sources) > 100
+    assert quantities[0]['weights'].unit == 'pA'
+    assert list(quantities[0]['weights'].axes) == ['neuron', 'input']
 
 
 def test_another_seed_gives_another_trajectory(short: Lap, tmp_path: Path) -> None:

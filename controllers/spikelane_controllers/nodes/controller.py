@@ -18,7 +18,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from spikelane_msgs.msg import ControllerState, LaneState, WheelVelocities
+from spikelane_msgs.msg import LaneState, WheelVelocities
 
 from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_controllers.nodes.controller_parameters import (
@@ -26,9 +26,9 @@ from spikelane_controllers.nodes.controller_parameters import (
     RELIABILITIES,
 )
 from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Counts
+from spikelane_controllers.nodes.shown_publishers import ShownPublishers
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
-from spikelane_controllers.shown import shown_by
 from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import Controller, Observation, sensors_of, WheelEncoders
 from spikelane_sim.errors import ParameterError
@@ -76,12 +76,9 @@ class ControllerNode(Node):
         self._lane: LaneState | None = None  # of the last observation answered
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
-        self._state = ControllerState(
-            controller=name, neurons=list(shown_by(self._driver).neurons)
-        )
         kept = QoSProfile(depth=self._settings.history_depth)
-        self._states = KeptPublisher(
-            self, ControllerState, topic_names.CONTROLLER_STATE, kept, self._on_match
+        self._shown = ShownPublishers(
+            self, name, self._driver, self._settings.record_quantities, kept, self._on_match
         )
         self._wheels = KeptPublisher(
             self, WheelVelocities, topic_names.WHEELS, kept, self._on_match
@@ -106,7 +103,7 @@ class ControllerNode(Node):
             self,
             self._observations,
             self._settings,
-            steps=(self._states, self._wheels),
+            steps=(*self._shown.publishers, self._wheels),
             heard=1,
             others=self._other_publishers(),
             window_steps=self._settings.recorder_window_steps if is_lockstep else 0,
@@ -348,7 +345,7 @@ class ControllerNode(Node):
         self._meeting.look_again()
         with self._lock:
             if self._is_sent:
-                self._states.send_again(self._filled_state)
+                self._shown.send(self._answer.header.stamp, self._lane, again=True)
                 self._wheels.send_again(lambda: self._answer)
             else:
                 self._publish_answer()
@@ -360,18 +357,7 @@ class ControllerNode(Node):
     def _publish_answer(self) -> None:
         if self._is_answered and self._meeting.is_open:
             if not self._is_sent:
-                self._states.send(self._filled_state)
+                self._shown.send(self._answer.header.stamp, self._lane)
             self._is_sent = True
             self._meeting.window.count_step()
             self._wheels.send(lambda: self._answer)
-
-    def _filled_state(self) -> ControllerState:
-        state = self._state
-        state.header.stamp = self._answer.header.stamp
-        shown = shown_by(self._driver)
-        state.action, state.reward = shown.action, shown.reward
-        state.spikes = list(shown.spikes)
-        state.learning = getattr(self._driver, 'learning', False)
-        if self._lane is not None:
-            state.episode, state.step = self._lane.episode, self._lane.step
-        return state

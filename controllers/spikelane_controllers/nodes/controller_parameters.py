@@ -32,5 +32,10 @@ class ControllerNodeParameters(MeetingParameters):
         'is lost, but best_effort where a publisher is, as the drivers of cameras are.',
         choices=tuple(RELIABILITIES),
     )
+    record_quantities: tuple[str, ...] = parameter(
+        (),
+        'Quantities of the controller, as spikes and weights, that are published on '
+        'controller/recorded in each step; all: everything that it offers; none: no such topic.',
+    )
     sensor: SensorParameters = nested(SensorParameters)
     filter: FilterParameters = nested(FilterParameters)

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import h5netcdf
 import h5py
@@ -102,6 +102,7 @@ class RecordingFile:
             samples: Of every quantity.
 
         Raises:
+            ParameterError: A sample is missing, or has another shape than its quantity.
             OSError: It cannot be written.
         """
         rows = dict(zip(_ROWS, (stamp_ns, episode, episode_step), strict=True))
@@ -109,7 +110,7 @@ class RecordingFile:
             self._keep(name, np.array([value], np.int64))
         begin_ns = stamp_ns - STEP_NS
         for quantity in self._quantities:
-            name, sample = quantity.name, samples[quantity.name]
+            name, sample = quantity.name, _checked(quantity, samples)
             if isinstance(sample, SpikeTimes):
                 self._keep(f'{name}_time_ns', begin_ns + sample.offsets_ns)
                 self._keep(f'{name}_{quantity.axes[0].name}', sample.sources)
@@ -196,6 +197,20 @@ class RecordingFile:
             begin = begins[self._dimension[name]]
             self._file.variables[name][begin : begin + len(values)] = values
             self._parts[name] = []
+
+
+def _checked(quantity: Quantity, samples: Mapping[str, Sample]) -> Sample:
+    """Return the sample of a quantity, which an own controller may have got wrong."""
+    sample = samples.get(quantity.name)
+    if quantity.is_spikes:
+        expected, is_right = 'SpikeTimes', isinstance(sample, SpikeTimes)
+    else:
+        expected = f'an array of the shape {quantity.shape}'
+        is_right = np.shape(cast(Any, sample)) == quantity.shape
+    if sample is None or not is_right:
+        got = 'none' if sample is None else f'one of {np.shape(cast(Any, sample))}'
+        raise ParameterError(f'recorded {quantity.name}: expected {expected}, got {got}')
+    return sample
 
 
 def _reserve(path: Path, begin: int, size: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import json
 import time
 from typing import Any
@@ -12,6 +12,7 @@ from spikelane_msgs.srv import Reset
 
 from spikelane.nodes.graph import running_nodes, Supervisor
 from spikelane.processes import ProcessError
+from spikelane.recording.bag import write_recording
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import DrivenLap
@@ -42,7 +43,7 @@ TOPICS = (
 )
 
 
-def recorded_topics(controller: str) -> tuple[str, ...]:
+def recorded_topics(controller: str, record: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the topics of a lap that are recorded, with all that its controller is given.
 
     The names are relative, except for those that are the same in every namespace.
@@ -52,6 +53,8 @@ def recorded_topics(controller: str) -> tuple[str, ...]:
         topics += (topic_names.WEIGHTS,)
     if 'encoders' in sensors_of(controller_class(controller)):
         topics += (topic_names.JOINT_STATES,)
+    if record:
+        topics += (topic_names.RECORDED,)
     return topics
 
 
@@ -60,6 +63,7 @@ def drive_lap_over_ros(
     folder: RunFolder,
     show: OnProgress,
     viewer: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
 ) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
 
@@ -68,13 +72,16 @@ def drive_lap_over_ros(
         folder: Where bag, logs and node parameters go.
         show: Called about once a second.
         viewer: Parameters of a viewer that is to watch; None: there is none.
+        record: Quantities that the controller is to record.
 
     Raises:
         SpikelaneError: A node ended or fell silent, or the recording is not complete.
     """
-    wall_time_s = _drive(config, folder, show, is_recorded=True, viewer=viewer)
+    wall_time_s = _drive(config, folder, show, is_recorded=True, viewer=viewer, record=record)
     trajectory = read_trajectory(folder.bag)
     _check_complete(trajectory)
+    if record:
+        write_recording(config, folder.bag, trajectory.stamp_ns.tolist(), record, folder.recording)
     return DrivenLap(trajectory, wall_time_s, folder.bag)
 
 
@@ -100,8 +107,9 @@ def _drive(
     *,
     is_recorded: bool,
     viewer: Mapping[str, Any] | None = None,
+    record: Sequence[str] = (),
 ) -> float:
-    parameters = node_parameters(config, folder, is_recorded=is_recorded)
+    parameters = node_parameters(config, folder, is_recorded=is_recorded, record=record)
     with running_nodes(parameters, folder, viewer) as (processes, supervisor):
         wall_time_s = _drive_episode(config, config.seed, supervisor, show)
         if not is_recorded:
@@ -115,7 +123,7 @@ def _drive(
 
 
 def node_parameters(
-    config: LapConfig, folder: RunFolder, *, is_recorded: bool
+    config: LapConfig, folder: RunFolder, *, is_recorded: bool, record: Sequence[str] = ()
 ) -> dict[str, dict[str, Any]]:
     """Return the parameters of a lap's nodes.
 
@@ -123,10 +131,11 @@ def node_parameters(
     """
     simulator, controller = meeting_parameters(config.controller, is_recorded=is_recorded)
     seed = {'seed': config.seed}
+    recorded = {'record_quantities': list(record)} if record else {}
     own, filters = config.controller_parameters.to_dict(), config.filter.chosen()
     recorder = {
         'output': str(folder.bag.absolute()),
-        'topics': list(recorded_topics(config.controller)),
+        'topics': list(recorded_topics(config.controller, record)),
         'custom_data': [
             f'seed={config.seed}',
             f'controller={config.controller}',
@@ -138,7 +147,7 @@ def node_parameters(
     return {
         **({'recorder': recorder} if is_recorded else {}),
         'simulator': config.simulator.to_dict() | seed | simulator | {'autostart': False},
-        config.controller: own | config.filter.node_parameters() | seed | controller,
+        config.controller: own | config.filter.node_parameters() | seed | controller | recorded,
     }
 
 
