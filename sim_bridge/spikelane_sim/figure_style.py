@@ -1,7 +1,7 @@
 """How all figures look, and how they are saved.
 
 Colours are of Okabe and Ito's palette, which stays apart for colour-blind readers and in grey.
-The background is white, so that a figure reads on a dark page too.
+PNG files have a white background. SVG files follow the reader's dark mode, background included.
 """
 
 from __future__ import annotations
@@ -20,12 +20,27 @@ if TYPE_CHECKING:
 INK = '#20262d'  # texts, lines of data
 PALE_INK = '#68727d'  # what explains
 ROAD = '#ccd3da'
-PAINT = '#ffffff'
+PAINT = '#fefefe'  # not the background's white: it stays white in dark mode
 RIGHT = '#0072b2'  # right of the lane's centre
 LEFT = '#d55e00'  # left of it
+#: Texts on dark and on bright cells of an image, which are the same in dark mode.
+ON_DARK, ON_BRIGHT = '#fefefe', '#20262e'
 
 #: Colours of series that have no meaning of their own.
 SERIES = (LEFT, RIGHT, '#009e73', '#cc79a7')
+
+#: What becomes of colours in dark mode; all others stay.
+DARK_MODE = {
+    '#ffffff': '#14181c',
+    '#f1f3f5': '#1d2329',
+    INK: '#e6eaee',
+    PALE_INK: '#a5afb9',
+    ROAD: '#3a434c',
+    RIGHT: '#56b4e9',
+    LEFT: '#ff8c42',
+    '#009e73': '#2fc79a',
+    '#cc79a7': '#e39fc6',
+}
 
 SMALL_PT = 9.0
 NORMAL_PT = 10.0
@@ -126,6 +141,17 @@ def _encoded(figure: Figure, suffix: str) -> bytes:
     buffer = io.BytesIO()
     if suffix == '.svg':
         figure.savefig(buffer, format='svg', metadata={'Date': None, 'Creator': None})
-    else:
-        figure.savefig(buffer, format='png', dpi=_PNG_DPI, metadata={'Software': None})
+        rules = f'<style type="text/css">{dark_mode_rules()}</style>\n </defs>\n'.encode()
+        return buffer.getvalue().replace(b'</defs>\n', rules, 1)
+    figure.savefig(buffer, format='png', dpi=_PNG_DPI, metadata={'Software': None})
     return buffer.getvalue()
+
+
+def dark_mode_rules() -> str:
+    """Return the style sheet that gives an SVG figure its colours for dark mode."""
+    rules = (
+        f'[style*="{what}: {bright}"]{{{what}:{dark}!important}}'
+        for bright, dark in DARK_MODE.items()
+        for what in ('fill', 'stroke')
+    )
+    return f'@media (prefers-color-scheme: dark){{{"".join(rules)}}}'

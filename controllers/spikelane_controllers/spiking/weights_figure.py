@@ -183,7 +183,7 @@ def _draw_image(axes: Axes, image: NDArray[np.float32], largest_pa: float) -> Ax
     axes.grid(which='minor', color='white', linewidth=1.5)
     axes.tick_params(which='minor', length=0)
     for (row, column), weight in np.ndenumerate(image):
-        colour = 'white' if weight > _DARK * largest_pa else style.INK
+        colour = style.ON_DARK if weight > _DARK * largest_pa else style.ON_BRIGHT
         axes.text(
             column,
             row,

@@ -264,7 +264,10 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
     found = collect([tmp_path])
     assert [lap.folder for lap in found.laps] == [tmp_path / 'a']
     assert LeftOut(f'{tmp_path}: x', 'no such course') in found.left_out
-    assert LeftOut(str(tmp_path / 'b'), 'not finished: no metrics.json') in found.left_out
+    assert (
+        LeftOut(str(tmp_path / 'b'), 'the run has not finished: metrics.json is missing')
+        in found.left_out
+    )
     why = 'metrics.json: steps: expected a whole number, got none: is the file of another version?'
     assert LeftOut(str(tmp_path / 'f'), why) in found.left_out
     assert [each.what for each in found.left_out] == [
@@ -290,7 +293,7 @@ def test_runs_whose_places_others_took_are_left_out(tmp_path: Path) -> None:
     (tmp_path / 'results.json').write_text(json.dumps({'runs': listed}))
     found = collect([tmp_path])
     assert [lap.folder.name for lap in found.laps] == ['a-2', 'b', 'new', 'own']
-    why = 'the experiment was changed since, and others took their places'
+    why = 'the experiment was changed after they were made, and other runs took their places'
     assert found.left_out == [LeftOut(f'{tmp_path}: 2 runs', why)]
 
 
@@ -301,7 +304,7 @@ def test_an_unfinished_training_says_how_far_it_is(tmp_path: Path) -> None:
     (folder / 'config.yaml').write_text(yaml.safe_dump(config))
     write_lap(tmp_path / 'b')
     found = collect([tmp_path])
-    why = 'not finished: no metrics.json, at step 9,000 of 20,000'
+    why = 'the run has not finished: metrics.json is missing, at step 9,000 of 20,000'
     assert (found.trainings, found.left_out) == ([], [LeftOut(str(folder), why)])
 
 
@@ -319,8 +322,8 @@ def test_a_copy_of_a_run_counts_once(tmp_path: Path) -> None:
     assert [lap.folder.name for lap in found.laps] == ['a', 'c']
     assert [run.folder.name for run in found.trainings] == ['d', 'f']
     assert found.left_out == [
-        LeftOut(str(tmp_path / 'b'), f'the same as {tmp_path}/a, and counted once'),
-        LeftOut(str(tmp_path / 'e'), f'the same as {tmp_path}/d, and counted once'),
+        LeftOut(str(tmp_path / 'b'), f'it is a copy of {tmp_path}/a, and a run counts once'),
+        LeftOut(str(tmp_path / 'e'), f'it is a copy of {tmp_path}/d, and a run counts once'),
     ]
 
 

@@ -89,13 +89,14 @@ def test_settings_and_courses_without_room_are_named(tmp_path: Path) -> None:
     laps.append(lap('rstdp', scenario='random courses'))
     left_out = draw_figures(Runs(laps=laps), tmp_path, lambda what: None).left_out
     named = [each for each in left_out if 'first lap' not in each.what]
-    why = '3 figures for a scenario and lane; the table has it'
+    why = 'the report draws at most 3 figures for each scenario and lane; the tables contain all'
     # The first figure has one drive, of the first setting; the others four each.
     assert LeftOut('Deviation, R-STDP, scenario 1 (c_r 9), outer lane', why) in named
     assert LeftOut('Deviation, R-STDP, scenario 1 (c_r 10), outer lane', why) in named
     assert not any('c_r 8' in each.what for each in named)
-    assert LeftOut('Deviation on d', "3 courses are drawn in addition to the paper's") in named
-    why = 'each lap is on a course of its own'
+    why = "the report draws at most 3 courses in addition to the paper's; the tables contain all"
+    assert LeftOut('Deviation on d', why) in named
+    why = 'each lap was driven on a different course, so that one figure cannot compare them'
     assert LeftOut('Deviation on random courses', why) in named
-    why = 'counted of laps driven in one process, of which none is among these'
+    why = 'they are counted in laps driven in one process only, and no lap here was'
     assert LeftOut('Operations for a decision', why) in named

@@ -12,7 +12,6 @@ import re
 import shlex
 import signal
 from typing import Any
-from xml.etree import ElementTree
 
 import html5lib
 import numpy as np
@@ -35,6 +34,7 @@ from spikelane_sim.errors import SpikelaneError
 # Seconds of work for one who has the machine for himself.
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
+NO_RUN = 'the folders that the report was given contain no such run'
 SHORT = ('--robot', 'kinematic', '--seed', '1', '--json')
 
 #: Run in the page: says what is found there.
@@ -49,7 +49,12 @@ PROBE = """() => {
       .map(entry => entry.name).filter(name => !name.startsWith('data:')),
     dark: matchMedia('(prefers-color-scheme: dark)').matches,
     paper: getComputedStyle(document.body).backgroundColor,
-    cells: [...document.querySelectorAll('td')].map(cell => cell.textContent),
+    cells: [...document.querySelectorAll('table.all td')].map(cell => cell.textContent),
+    drawings: document.querySelectorAll('figure svg').length,
+    grounds: [...new Set([...document.querySelectorAll('figure svg')].map(
+      drawing => getComputedStyle(drawing.querySelector('path')).fill))],
+    wide: [...document.querySelectorAll('table')].filter(
+      table => table.scrollWidth > table.parentNode.clientWidth).length,
   };
 }"""
 
@@ -102,20 +107,28 @@ def test_the_page_holds_all_and_asks_for_nothing(report: dict[str, Any]) -> None
     assert not {name for name, _ in attributes(page)} & {'href', 'action', 'data', 'poster'}
     assert 'http:' not in page
     assert 'https:' not in page
-    assert not re.search(r'@import|url\(|<script|<link', page)
+    assert not re.search(r'@import|url\((?!#)|<script[^>]|<link', page)
+    drawings = re.findall(r'<svg.*?</svg>', page, re.S)
+    identifiers = re.findall(r'\sid="([^"]*)"', page)
+    assert len(set(identifiers)) == len(identifiers)
+    for drawing in drawings:
+        links = re.findall(r'href="([^"]*)"', drawing)
+        assert all(link.startswith(('#', 'data:')) for link in links)
+        assert {link[1:] for link in links if link[0] == '#'} <= set(identifiers)
     for kind, content in decoded(page):
-        if kind == 'image/svg+xml':
-            links = re.findall(rb'(?:xlink:)?href="([^"]*)"', content)
-            assert all(link.startswith((b'#', b'data:')) for link in links)
-            ElementTree.fromstring(content)
-        else:
-            assert Image.open(io.BytesIO(content)).format in ('PNG', 'WEBP')
+        assert kind in ('image/png', 'image/webp')
+        assert Image.open(io.BytesIO(content)).format in ('PNG', 'WEBP')
 
 
 def test_the_page_has_the_tables_rows(report: dict[str, Any]) -> None:
     """The cells of the tables, in their order; report.json has the same."""
     root = html5lib.parse(page_of(report), namespaceHTMLElements=False)
-    rows = [tuple(cell.text for cell in row.iter('td')) for row in root.iter('tr')]
+    tables = [each for each in root.iter('table') if each.get('class') == 'all']
+    rows = [
+        tuple(cell[0].text for cell in row.iter('td'))
+        for each in tables
+        for row in each.iter('tr')
+    ]
     rows = [row for row in rows if row]
     assert rows == [tuple(row) for table in report['tables'] for row in table['rows']]
     beside = json.loads(Path(report['page']).with_name('report.json').read_text())
@@ -160,10 +173,13 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
     }
     assert all(Path(file).stat().st_size for file in report['figures'])
     left_out = {each['what']: each['why'] for each in report['left_out']}
-    assert left_out[str(report['folder'] / 'unfinished')] == 'not finished: no metrics.json'
-    assert left_out['R-STDP training, scenario 3'] == 'no run among these'
+    assert (
+        left_out[str(report['folder'] / 'unfinished')]
+        == 'the run has not finished: metrics.json is missing'
+    )
+    assert left_out['R-STDP training, scenario 3'] == NO_RUN
     # The lap is the one that the evaluation drove with the same seed.
-    assert left_out[str(report['folder'] / 'lap')].startswith('the same as ')
+    assert left_out[str(report['folder'] / 'lap')].startswith('it is a copy of ')
     assert 'R-STDP training, scenario 1' not in left_out
     assert all(each in page_of(report) for each in ('R-STDP training, scenario 3', 'unfinished'))
 
@@ -281,26 +297,59 @@ def test_nothing_to_report_on_is_told_in_one_line(
     assert error == f'spikelane report: {tmp_path}/none: expected a folder of runs, got none\n'
 
 
+@pytest.mark.parametrize('width', [1280, 390])
 @pytest.mark.parametrize(
     ('scheme', 'paper'), [('light', 'rgb(255, 255, 255)'), ('dark', 'rgb(20, 24, 28)')]
 )
-def test_a_browser_shows_it_on_a_phone(
-    report: dict[str, Any], tmp_path: Path, chromium: str, scheme: str, paper: str
+def test_a_browser_shows_it_on_a_screen_and_on_a_phone(
+    report: dict[str, Any], tmp_path: Path, chromium: str, scheme: str, paper: str, width: int
 ) -> None:
-    """In light and in dark: no sideways scrolling, every picture there, nothing loaded."""
+    """In light and in dark: tables fit, every picture is there, nothing is loaded."""
     (tmp_path / 'page.html').write_text(page_of(report), 'utf-8')
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=['--no-sandbox'])
-        page = browser.new_page(viewport={'width': 390, 'height': 844}, color_scheme=scheme)
+        page = browser.new_page(viewport={'width': width, 'height': 844}, color_scheme=scheme)
         page.goto((tmp_path / 'page.html').as_uri())
+        page.evaluate('for (const each of document.querySelectorAll("details")) each.open = true')
         found = page.evaluate(PROBE)
         browser.close()
-    assert found['width'] <= found['inner'] <= 390
-    assert (found['broken'], found['images']) == (0, 15)
+    assert found['width'] <= found['inner'] <= width
+    assert found['wide'] == 0
+    assert (found['broken'], found['images'], found['drawings']) == (0, 1, 14)
+    assert found['grounds'] == [paper]
     assert found['loaded'] == []
     assert (found['dark'], found['paper']) == (scheme == 'dark', paper)
     cells = [cell for table in report['tables'] for row in table['rows'] for cell in row]
     assert found['cells'] == cells
+
+
+def test_a_pointer_is_told_the_values(
+    report: dict[str, Any], tmp_path: Path, chromium: str
+) -> None:
+    """Half way along the lane of the first drive, from the drive's own rows."""
+    (tmp_path / 'page.html').write_text(page_of(report), 'utf-8')
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=['--no-sandbox'])
+        page = browser.new_page(viewport={'width': 1280, 'height': 900})
+        page.goto((tmp_path / 'page.html').as_uri())
+        part = page.locator('#deviation_scenario_1 .values rect').first
+        part.hover()
+        told, shown = page.locator('#told').text_content(), page.locator('#told').is_visible()
+        page.mouse.move(1, 1)
+        gone = page.locator('#told').is_hidden()
+        browser.close()
+    [lap] = [
+        each
+        for each in collect([report['folder'] / 'deep']).laps
+        if each.lane == 'outer' and each.seed == 1
+    ]
+    trajectory = read_csv(lap.folder / 'trajectory.csv')
+    low_m, high_m, mean_m, most_m = map(float, re.findall(r'[-+]?\d+\.\d+', told or ''))
+    driven = (trajectory.position_m[1:] >= low_m) & (trajectory.position_m[1:] < high_m)
+    assert driven.any()
+    assert mean_m == pytest.approx(trajectory.distance_m[1:][driven].mean(), abs=0.002)
+    assert abs(most_m) >= abs(mean_m)
+    assert (shown, gone) == (True, True)
 
 
 def test_a_lap_of_another_camera_is_shown(tmp_path: Path) -> None:

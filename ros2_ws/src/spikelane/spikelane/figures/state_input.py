@@ -96,7 +96,7 @@ def _draw_counts(axes: Axes, counts: NDArray[np.int64], words: str) -> None:
     axes.imshow(counts, cmap=_COLOURS, vmin=0, interpolation='nearest')
     if counts.size <= 64:
         for (row, column), count in np.ndenumerate(counts):
-            colour = 'white' if 2 * count > counts.max() else style.INK
+            colour = style.ON_DARK if 2 * count > counts.max() else style.ON_BRIGHT
             axes.text(column, row, str(count), ha='center', va='center', color=colour)
     _explain(axes, words)
 

@@ -12,6 +12,7 @@ from spikelane.experiment.sweeps import PREFIX, swept_value
 from spikelane_controllers.registry import title
 from spikelane_sim import figure_style as style
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.figure_values import tell_values, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,6 +144,17 @@ def draw_sweep(
             axes = figure.add_axes(place, sharex=axes)
             for words, points in lines.items():
                 _draw_line(axes, points, looks[words])
+            tell_values(
+                axes,
+                (
+                    Value(
+                        _told(words, parameter, point), (point.value,) * 2, (point.measured,) * 2
+                    )
+                    for words, points in lines.items()
+                    for point in points
+                    if isinstance(point.value, float)
+                ),
+            )
             axes.set_ylabel(MEASURES[measure])
             if measure == 'completed':
                 axes.set_ylim(-4, 104)
@@ -174,6 +186,13 @@ def _draw_line(axes: Axes, points: Sequence[SweepPoint], look: Mapping[str, Any]
     for point in points:
         if point.ci_low is not None and point.ci_high is not None:
             axes.vlines(point.value, point.ci_low, point.ci_high, color=look['color'], linewidth=1)
+
+
+def _told(words: str, parameter: str, point: SweepPoint) -> str:
+    interval = ''
+    if point.ci_low is not None and point.ci_high is not None:
+        interval = f' (95 %: {point.ci_low:.4g} to {point.ci_high:.4g})'
+    return f'{words}, {parameter} {point.value:g}: {point.measured:.4g}{interval}'
 
 
 def _scale(axes: Axes, values: Sequence[float | str]) -> None:

@@ -33,6 +33,7 @@ def aims_table(values: Mapping[str, Mapping[Key, Measured]]) -> Table:
         'within the interval.',
         ('controller', 'scenario', 'setting', 'measure', 'aim', '95 %', 'reached'),
         rows,
+        brief=('measure', 'aim', 'reached'),
     )
 
 
@@ -50,7 +51,7 @@ def _row(aim: Aim, key: Key, found: Measured) -> tuple[str, ...]:
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         f'{found.words}: {"median" if aim.is_of_median else "mean"}',
         f'{"≥" if aim.is_lowest else "≤"} {quantity.show(aim.value)}',
         words,

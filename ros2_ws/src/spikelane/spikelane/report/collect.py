@@ -83,7 +83,7 @@ def collect(paths: Sequence[Path]) -> Runs:
                 else:
                     _add(runs, folder)
     for root, count in former.items():
-        why = 'the experiment was changed since, and others took their places'
+        why = 'the experiment was changed after they were made, and other runs took their places'
         runs.left_out.append(LeftOut(f'{root}: {count} runs', why))
     for found in (runs.laps, runs.trainings, runs.transfers):
         runs.left_out.extend(_without_copies(found))
@@ -104,7 +104,7 @@ def _without_copies(runs: list[Any]) -> Iterator[LeftOut]:
         first = firsts.setdefault(_outcome(run), run.folder)
         if first != run.folder:
             runs.remove(run)
-            yield LeftOut(str(run.folder), f'the same as {first}, and counted once')
+            yield LeftOut(str(run.folder), f'it is a copy of {first}, and a run counts once')
 
 
 def _outcome(run: Lap | TrainingRun | TransferRun) -> str:
@@ -156,7 +156,7 @@ def _add(runs: Runs, folder: Path) -> None:
         else:
             _add_experiment(runs, folder)
     except UNUSABLE as error:
-        why = f'not a run of this version: {error!r}'
+        why = f'its files do not fit this version of Spikelane: {error!r}'
         why = str(error) if isinstance(error, SpikelaneError) else why
         runs.left_out.append(LeftOut(str(folder), why))
 
@@ -165,7 +165,9 @@ def _add_run(runs: Runs, folder: Path) -> None:
     try:
         config = check_kind(read_yaml_file(folder / 'config.yaml'), dict[str, Any])
         if not (folder / 'metrics.json').exists():
-            raise FileError(f'not finished: no metrics.json{_how_far(folder, config)}')
+            raise FileError(
+                f'the run has not finished: metrics.json is missing{_how_far(folder, config)}'
+            )
         config = check_config(config)
     except (ParseError, KindError) as error:
         raise FileError(f'config.yaml: {error}') from None
@@ -312,7 +314,12 @@ def _add_experiment(runs: Runs, folder: Path) -> None:
     # Those that were begun have a folder, and are found there.
     waiting = sum(run['state'] == 'waiting' and not run.get('folder') for run in listed)
     if waiting:
-        runs.left_out.append(LeftOut(f'{folder}: {waiting} of {len(listed)} runs', 'not begun'))
+        runs.left_out.append(
+            LeftOut(
+                f'{folder}: {waiting} of {len(listed)} runs',
+                'the experiment has not begun them yet',
+            )
+        )
     runs.variants.update(
         {
             folder / run['folder']: run['variants']

@@ -32,6 +32,7 @@ def conditions_table(conditions: Conditions) -> Table:
         'Laps completed, and their mean error. A repeat of the same drive counts once.',
         ('difficulty', *map(title, controllers)),
         rows,
+        brief=('difficulty', *map(title, controllers[:4])),
     )
 
 

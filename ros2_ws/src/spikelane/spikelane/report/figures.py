@@ -100,10 +100,15 @@ def draw_figures(runs: Runs, folder: Path, show: OnFigure) -> Figures:
             if isinstance(error, WriteError):
                 unwritten[each.name] = error
         except KeyError as error:
-            left_out.append(LeftOut(each.caption, f'a run of another version, without {error}'))
+            left_out.append(
+                LeftOut(
+                    each.caption,
+                    f'the run was made with another version of Spikelane and lacks {error}',
+                )
+            )
         except UNUSABLE as error:
             # A file of one run is damaged: it must not cost the report of all others.
-            left_out.append(LeftOut(each.caption, f'a run with values of a wrong kind: {error}'))
+            left_out.append(LeftOut(each.caption, f'a file of the run is damaged: {error}'))
     return Figures(drawn, left_out + list(missing(runs)), unwritten)
 
 

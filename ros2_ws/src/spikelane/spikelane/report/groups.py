@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import re
 from typing import Any, NamedTuple, TypeVar
 
 from spikelane_controllers.registry import position, title
+
+#: Columns that say of which group of runs a row is.
+PLACE = ('controller', 'scenario', 'setting')
+
+#: What a table calls the setting that is the paper's.
+PAPERS_SETTING = "the paper's"
 
 #: The lane on which the paper compares controllers.
 PAPER_LANE = 'outer'
@@ -20,12 +26,15 @@ class Table(NamedTuple):
         note: Below it, '' for none.
         header: Names of the columns.
         rows: The cells.
+        brief: Names of the columns that a reader needs first, but for those of a run's group
+            (controller, scenario, setting). Empty: a reader needs none of it first.
     """
 
     title: str
     note: str
     header: tuple[str, ...]
     rows: list[tuple[str, ...]]
+    brief: tuple[str, ...] = ()
 
 
 class Key(NamedTuple):
@@ -34,6 +43,11 @@ class Key(NamedTuple):
     controller: str
     scenario: str
     setting: str
+
+    @property
+    def shown_setting(self) -> str:
+        """The setting as a table shows it."""
+        return self.setting or PAPERS_SETTING
 
     @property
     def words(self) -> str:
@@ -60,6 +74,17 @@ def by_key(runs: Iterable[R]) -> dict[Key, list[R]]:
     return {
         key: sorted(groups[key], key=lambda run: run.seed) for key in sorted(groups, key=_place)
     }
+
+
+def place_in_words(cells: Mapping[str, str]) -> str:
+    """Return of which group a row is, in words.
+
+    Args:
+        cells: The row's cells, by their columns; those of PLACE are among them.
+    """
+    controller, scenario, setting = (cells[name] for name in PLACE)
+    words = f'{controller}, scenario {scenario}'
+    return words if setting == PAPERS_SETTING else f'{words} ({setting})'
 
 
 def seeds_in_words(seeds: Sequence[int]) -> str:

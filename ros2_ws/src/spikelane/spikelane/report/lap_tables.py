@@ -58,6 +58,7 @@ def _of_success(laps: Sequence[Lap]) -> Table:
         ('controller', 'scenario', 'setting', 'unit', 'lanes', 'laps of each unit', 'successful')
         + ('seeds of laps',),
         rows,
+        brief=('successful',),
     )
 
 
@@ -67,7 +68,7 @@ def _row_of_success(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         unit,
         ', '.join(dict.fromkeys(lap.lane for lap in laps)),
         COUNT.median([len(each) for each in units.values()]),
@@ -102,6 +103,7 @@ def _of_laps(laps: Sequence[Lap]) -> Table:
             'seeds of laps',
         ),
         rows,
+        brief=('lane', 'completed', 'median (range)'),
     )
 
 
@@ -117,7 +119,7 @@ def _row_of_laps(key: Key, lane: str, laps: Sequence[Lap]) -> tuple[str, ...]:
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         lane,
         _share(len(done), sum(sizes), effective_units(sizes)),
         METRES.mean(values('mean_abs_distance_m'), names),
@@ -143,6 +145,7 @@ def _of_kept(laps: Sequence[Lap]) -> Table:
         "laps are kept. In brackets: 95 % interval of the share (Wilson's).",
         ('controller', 'scenario', 'setting', 'distance', 'laps kept', 'unit', 'successful'),
         rows,
+        brief=('laps kept', 'successful'),
     )
 
 
@@ -168,7 +171,7 @@ def _row_of_kept(key: Key, limit_m: float, laps: Sequence[Lap]) -> tuple[str, ..
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         f'{limit_m:g} m',
         f'{sum(map(sum, kept))} of {sum(map(len, kept))}',
         unit,
@@ -190,6 +193,7 @@ def _of_operations(laps: Sequence[Lap]) -> Table:
         + ('synaptic operations for a decision', 'multiply-accumulates for a decision')
         + ('synaptic operations in a second', 'multiply-accumulates in a second', 'laps'),
         rows,
+        brief=('synaptic operations in a second', 'multiply-accumulates in a second'),
     )
 
 
@@ -211,7 +215,7 @@ def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         f'{found["decisions_per_s"]:.3g}',
         *cells('per_decision'),
         *cells('per_s'),

@@ -15,6 +15,8 @@ from spikelane.report.groups import PAPER_LANE
 from spikelane.report.runs import Lap, LeftOut, RANDOM_COURSES, Runs
 from spikelane_controllers.registry import cards, title
 
+NO_RUN = 'the folders that the report was given contain no such run'
+
 
 def missing(runs: Runs) -> Iterator[LeftOut]:
     """Name the paper's figures that no run was there for."""
@@ -30,17 +32,17 @@ def missing(runs: Runs) -> Iterator[LeftOut]:
         for scenario in paper.learnt:
             if (name, scenario) not in trained:
                 words = f'{what.format(title(name))}, scenario {scenario}'
-                yield LeftOut(words, 'no run among these')
+                yield LeftOut(words, NO_RUN)
         for scenario in paper.laps:
             if (name, scenario) not in driven:
                 words = f'{title(name)} lap, scenario {scenario}, {PAPER_LANE} lane'
-                yield LeftOut(words, 'no run among these')
+                yield LeftOut(words, NO_RUN)
     if runs.laps and not any(lap.metrics.get('operations') for lap in runs.laps):
-        why = 'counted of laps driven in one process, of which none is among these'
+        why = 'they are counted in laps driven in one process only, and no lap here was'
         yield LeftOut('Operations for a decision', why)
     yield from _not_compared(runs.laps)
     if not runs.laps:
-        yield LeftOut('State input and animation of a lap', 'no lap among these runs')
+        yield LeftOut('State input and animation of a lap', NO_RUN)
 
 
 def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
@@ -51,11 +53,20 @@ def _not_compared(laps: Sequence[Lap]) -> Iterator[LeftOut]:
     others = list(dict.fromkeys(lap.scenario for lap in laps if lap.scenario not in scenarios))
     if RANDOM_COURSES in others:
         others.remove(RANDOM_COURSES)
-        yield LeftOut('Deviation on random courses', 'each lap is on a course of its own')
+        yield LeftOut(
+            'Deviation on random courses',
+            'each lap was driven on a different course, so that one figure cannot compare them',
+        )
     if others:
-        why = f"{MOST_OTHER_COURSES} courses are drawn in addition to the paper's"
+        why = (
+            f"the report draws at most {MOST_OTHER_COURSES} courses in addition to the paper's; "
+            'the tables contain all'
+        )
         yield LeftOut(f'Deviation on {", ".join(others)}', why)
     for place in chosen:
         if place not in shown and place.key.scenario in scenarios:
-            why = f'{MOST_COMPARISONS} figures for a scenario and lane; the table has it'
+            why = (
+                f'the report draws at most {MOST_COMPARISONS} figures for each scenario and lane; '
+                'the tables contain all'
+            )
             yield LeftOut(f'Deviation, {place.key.words}, {place.lane} lane', why)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Sequence
 from pathlib import Path
 import shlex
 from typing import Any
 
 from spikelane.report.collect import collect
+from spikelane.report.embedding import Embedded, embedded
 from spikelane.report.figures import draw_figures, Drawn, OnFigure
-from spikelane.report.groups import Table
+from spikelane.report.groups import PLACE, place_in_words, Table
 from spikelane.report.markdown import tables_in_markdown
 from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.runs import LeftOut, Runs
 from spikelane.report.tables import all_tables
 from spikelane.runs.folder import versions
+from spikelane_sim.figure_style import dark_mode_rules
 from spikelane_sim.files import FileError, write_json, write_text_atomically, WriteError
 
 PAGE = 'report.html'
@@ -24,7 +25,8 @@ PAGE = 'report.html'
 _TABLES = 'report.json'
 _MARKDOWN = 'report.md'
 _TEMPLATE = 'page.html'
-_KINDS = {'.svg': 'image/svg+xml', '.png': 'image/png', '.webp': 'image/webp'}
+#: Letters of a word from which on it is broken anywhere.
+_LONG_WORD = 22
 
 
 def write_report(
@@ -104,12 +106,14 @@ def _page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    parts: dict[str, list[dict[str, str | None]]] = {}
+    parts: dict[str, list[Embedded]] = {}
     for figure in figures:
-        parts.setdefault(figure.heading, []).append(_embedded(figure))
+        parts.setdefault(figure.heading, []).append(embedded(figure.caption, figure.files))
     return environment.get_template(_TEMPLATE).render(
         runs=runs,
-        tables=tables,
+        tables=[(table, _brief(table)) for table in tables],
+        is_long=_has_long_word,
+        dark_mode=dark_mode_rules(),
         parts=parts,
         commands=commands,
         left_out=left_out,
@@ -121,18 +125,19 @@ def _page(
     )
 
 
-def _embedded(figure: Drawn) -> dict[str, str | None]:
-    """Return a figure for the page, in the smallest of its files, and a still of an animation."""
-    file = min(figure.files, key=lambda each: each.stat().st_size)
-    still = file.with_suffix('.png') if file.suffix == '.webp' else None
-    return {
-        'caption': figure.caption,
-        'name': file.stem,
-        'source': _data(file),
-        'still': None if still is None else _data(still),
-    }
+def _brief(table: Table) -> Table | None:
+    """Return what a reader needs first of a table, None where that is nothing."""
+    if not table.brief:
+        return None
+    cells = [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    is_placed = PLACE[0] in table.header
+    rows = [
+        (*([place_in_words(each)] if is_placed else []), *(each[name] for name in table.brief))
+        for each in cells
+    ]
+    first = ('controller and scenario',) if is_placed else ()
+    return table._replace(header=(*first, *table.brief), rows=rows)
 
 
-def _data(file: Path) -> str:
-    content = base64.b64encode(file.read_bytes()).decode('ascii')
-    return f'data:{_KINDS[file.suffix]};base64,{content}'
+def _has_long_word(text: str) -> bool:
+    return any(len(word) > _LONG_WORD for word in text.split())

@@ -83,4 +83,4 @@ def _driven(laps: Sequence[Lap]) -> str:
 
 def _row(key: Key, words: str, cells: Sequence[tuple[Any, str]]) -> _Row:
     values = '; '.join(f'{seed}: {cell}' for seed, cell in cells)
-    return title(key.controller), key.scenario, key.setting or "the paper's", words, values
+    return title(key.controller), key.scenario, key.shown_setting, words, values

@@ -66,6 +66,7 @@ def _against_paper(found: Mapping[str, Mapping[Key, Measured]]) -> Table:
         )
         + ('units', 'seeds', 'place in the paper'),
         rows,
+        brief=('measure', 'paper', 'median (range)'),
     )
 
 
@@ -86,7 +87,7 @@ def _row_against_paper(measure: str, key: Key, found: Measured) -> tuple[str, ..
         found.words,
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         paper.words if paper else NOTHING,
         # Censored times have no mean.
         quantity.mean(found.values) if found.reached is None else NOTHING,
@@ -127,6 +128,7 @@ def _of_trainings(trainings: Sequence[TrainingRun]) -> Table:
         ('controller', 'scenario', 'setting', 'steps', 'episodes', 'last lane loss')
         + ('median, 95 %', 'settled', *columns, 'seeds'),
         rows,
+        brief=('last lane loss', 'settled'),
     )
 
 
@@ -139,7 +141,7 @@ def _row_of_trainings(
     return (
         title(key.controller),
         key.scenario,
-        key.setting or "the paper's",
+        key.shown_setting,
         COUNT.median([each.steps for each in results]),
         COUNT.median([len(each.terminations) for each in results]),
         COUNT.median(losses, settled),
@@ -176,12 +178,13 @@ def _of_transfers(transfers: Sequence[TransferRun]) -> Table:
             (
                 title(key.controller),
                 key.scenario,
-                key.setting or "the paper's",
+                key.shown_setting,
                 *(shown.get(each, NOTHING) for each in words),
                 seeds_in_words([run.seed for run in group]),
             )
             for key, group, shown in cells
         ],
+        brief=tuple(words)[:2],
     )
 
 

@@ -19,6 +19,7 @@ from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
 from spikelane_sim.contract import STEP_S, TERMINATED_LANE_LOST
+from spikelane_sim.figure_values import tell_values, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +33,7 @@ _SIZE_IN = (10.6, 4.0)
 _LEAST_RANGE_M = 0.02  # of the deviation shown: less is a straight line anyway
 _BACKGROUND = {'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.85, 'pad': 1.5}  # of texts
 _FILL_POINTS = 1000  # a line is thinned when it is written, an area is not
+_TOLD = 120  # values that a pointer meets along a lane
 _TURNS = {0: 'straight', 1: 'left', -1: 'right'}
 
 
@@ -114,9 +116,26 @@ def draw_deviation(
         _draw_stretch(axes, position[stretch], distance[stretch])
     if trajectory.reason == TERMINATED_LANE_LOST:
         axes.plot(position[-1], distance[-1], 'x', color=style.INK, markersize=7, clip_on=False)
+    tell_values(axes, _deviation_values(position, distance, lane))
     axes.set_xlabel('position p along the lane [m]' + ', its borders dotted' * borders)
     axes.set_ylabel('deviation d from lane centre [m]')
     _name_sides(axes)
+
+
+def _deviation_values(position: Floats, distance: Floats, lane: Lane) -> list[Value]:
+    """Return the mean and largest deviation of each of some equal parts of a lane."""
+    edges = np.linspace(0, lane.length_m, _TOLD + 1)
+    parts = np.digitize(position, edges) - 1
+    values = []
+    for part in np.unique(parts[(parts >= 0) & (parts < _TOLD)]).tolist():
+        driven, low, high = distance[parts == part], edges[part], edges[part + 1]
+        largest = driven[np.abs(driven).argmax()]
+        text = (
+            f'p {low:.2f} to {high:.2f} m: d {driven.mean():+.4f} m on average, '
+            f'{largest:+.4f} m at most'
+        )
+        values.append(Value(text, (low, high)))
+    return values
 
 
 def _draw_stretch(axes: Axes, position: Floats, distance: Floats) -> None:
@@ -191,6 +210,16 @@ def draw_histogram(axes: Axes, distances: Floats, error_m: float) -> None:
         color=np.where(middles > 0, style.RIGHT, style.LEFT).tolist(),
         linewidth=0,
         alpha=0.85,
+    )
+    tell_values(
+        axes,
+        [
+            Value(f'd {a:+.4f} to {b:+.4f} m: {share:.1f} % of the steps', (0, share), (a, b))
+            for a, b, share in zip(
+                edges, edges[1:], 100 * counts / max(len(distances), 1), strict=False
+            )
+            if share
+        ],
     )
     axes.axhline(0, color=style.PALE_INK, linewidth=0.8)
     axes.tick_params(labelleft=False)
