@@ -21,12 +21,13 @@ from spikelane.finished import RunError
 from spikelane.interruption import Interrupted
 from spikelane.loop import drive_episode
 from spikelane.main import run
+from spikelane.recording.figure import draw_recording
 from spikelane.recording.file import RecordingFile
 from spikelane.recording.record import written
 from spikelane_controllers.quantities import Axis, begin_to_record, Quantity, SpikeTimes
 from spikelane_controllers.shown import shown_by
 from spikelane_sim.contract import Observation, STEP_NS, WheelVelocities
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.files import FileError
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -155,6 +156,19 @@ def test_a_lap_is_the_same_with_a_recording(lap: spikelane.Run) -> None:
     assert file.exists()
     del kept
     assert not file.exists()
+
+
+def test_a_recording_is_drawn(lap: spikelane.Run, tmp_path: Path) -> None:
+    """With every lap that has one; without steps there is nothing to draw."""
+    assert lap.folder is not None
+    assert (lap.folder / 'figures/recording.png').read_bytes().endswith(b'IEND\xaeB`\x82')
+    with written(tmp_path / 'empty.nc', [VALUES], {}):
+        pass
+    with pytest.raises(SpikelaneError, match=r'empty\.nc: expected at least one step, got none'):
+        draw_recording(tmp_path / 'empty.nc', tmp_path / 'figure.png')
+    [drawn] = draw_recording(lap.recording, tmp_path / 'figure.svg', 'a lap')
+    # A line each for the spikes drawn of one second, and more.
+    assert drawn.read_text().count('<path') > 100
 
 
 def test_an_object_of_ones_own_is_recorded() -> None:

@@ -19,8 +19,8 @@ def recorded_names(path: Path) -> tuple[str, ...]:
     Raises:
         FileError: It cannot be read.
     """
-    with _opened(path) as file:
-        return _names(file)
+    with opened(path) as file:
+        return quantity_names(file)
 
 
 def recorded_table(path: Path, name: str) -> pd.DataFrame:
@@ -39,8 +39,8 @@ def recorded_table(path: Path, name: str) -> pd.DataFrame:
         FileError: It cannot be read.
         KeyError: It does not have the quantity.
     """
-    with _opened(path) as file:
-        if name not in _names(file):
+    with opened(path) as file:
+        if name not in quantity_names(file):
             raise KeyError(name)
         if name not in file.variables:
             return _spikes(file, name)
@@ -52,18 +52,24 @@ def recorded_table(path: Path, name: str) -> pd.DataFrame:
         for number, axis in enumerate(axes, 1):
             within = np.arange(shape[number]).repeat(int(np.prod(shape[number + 1 :])))
             codes = np.tile(within, int(np.prod(shape[:number])))
-            columns[axis] = pd.Categorical.from_codes(codes, _labels(file, axis))
+            columns[axis] = pd.Categorical.from_codes(codes, labels_of(file, axis))
         return pd.DataFrame({**columns, 'value': variable[...].ravel()})
 
 
-def _opened(path: Path) -> Any:
+def opened(path: Path) -> Any:
+    """Open a recording.
+
+    Raises:
+        FileError: It cannot be read.
+    """
     try:
         return h5netcdf.File(path, 'r')
     except OSError as error:
         raise FileError(f'{path}: cannot be read: {error}') from None
 
 
-def _names(file: Any) -> tuple[str, ...]:
+def quantity_names(file: Any) -> tuple[str, ...]:
+    """Return the names of the quantities in an open recording."""
     return tuple(str(file.attrs['quantities']).split())
 
 
@@ -74,7 +80,7 @@ def _spikes(file: Any, name: str) -> pd.DataFrame:
     return pd.DataFrame(
         {
             'time_ns': times[...],
-            axis: pd.Categorical.from_codes(codes, _labels(file, axis)),
+            axis: pd.Categorical.from_codes(codes, labels_of(file, axis)),
         }
     )
 
@@ -87,7 +93,8 @@ def _times_ns(file: Any, name: str, growing: str) -> Any:
     return stamps_ns - STEP_NS + int(file.variables[name].attrs['offset_ns'])
 
 
-def _labels(file: Any, axis: str) -> list[str]:
+def labels_of(file: Any, axis: str) -> list[str]:
+    """Return the labels of an axis in an open recording."""
     return [
         each.decode() if isinstance(each, bytes) else str(each)
         for each in file.variables[axis][...]

@@ -162,6 +162,10 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         'figure': str(figure),
     }
     if folder.recording.exists():
+        # Whoever records nothing need not wait for HDF5.
+        from spikelane.recording.figure import draw_recording
+
         result['recording'] = str(folder.recording)
+        draw_recording(folder.recording, folder.figures / 'recording.png', title)
     folder.write_metrics(result)
     return result

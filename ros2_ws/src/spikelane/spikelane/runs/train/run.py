@@ -166,7 +166,12 @@ def report_training(
         'figures': [str(file) for file in _draw(results, folder.figures, name)],
     }
     if folder.recording.exists():
+        # Whoever records nothing need not wait for HDF5.
+        from spikelane.recording.figure import draw_recording
+
         result['recording'] = str(folder.recording)
+        drawn = draw_recording(folder.recording, folder.figures / 'recording.png', name)
+        result['figures'].extend(map(str, drawn))
     folder.write_metrics(result)
     return result
 
