@@ -106,23 +106,22 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         Raises:
             SpikelaneError: Anything is unknown or not allowed.
         """
-        _check_choice('observation', observation, tuple(OBSERVATIONS))
-        _check_choice('actions', actions, ('discrete', 'wheels'))
+        check_choice('observation', observation, tuple(OBSERVATIONS))
+        check_choice('actions', actions, ('discrete', 'wheels'))
         if render_mode is not None:
-            _check_choice('render_mode', render_mode, ('rgb_array',))
+            check_choice('render_mode', render_mode, ('rgb_array',))
         self.render_mode = render_mode
         self._task = TaskParameters.from_mapping(task or {}, 'task')
-        values = {'course': scenario_course(scenario), 'episode.max_laps': 0} | (simulator or {})
-        parameters = SimulatorParameters.from_mapping(values, 'simulator')
+        parameters = environment_parameters(scenario, simulator or {})
         self._observed = OBSERVATIONS[observation](parameters)
         self._simulator = Simulator(parameters, sensors=self._observed.sensors)
         camera = self._simulator.parameters.camera
         self._stage = FilterStage(
             FilterParameters.from_mapping(filters or {}, 'filters'), camera.width, camera.height
         )
-        self._is_discrete = actions == 'discrete'
         self.observation_space = self._observed.space
-        self.action_space = self._make_action_space()
+        self.action_space = actions_space(actions, parameters)
+        self._is_discrete = actions == 'discrete'
         self._last: Observation | None = None
         self._actions_taken = 0
         self._is_closed = False
@@ -136,7 +135,7 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
             SpikelaneError: There is no such option or lane, or the environment is closed.
         """
         self._check_open('reset')
-        _check_options(options or {})
+        check_options(options or {})
         super().reset(seed=seed)
         if seed is None and self._last is None:
             seed = int(self.np_random.integers(2**31))
@@ -165,9 +164,7 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         info = self._info(lane)
         terms = {'lane_centre': self.lane_centre_reward(lane.distance_m)}
         info['reward_terms'] = terms
-        is_lost = lane.reason == TERMINATED_LANE_LOST
-        is_truncated = self._actions_taken >= self._task.max_actions
-        is_truncated = is_truncated or (lane.terminated and not is_lost)
+        is_lost, is_truncated = outcome(lane.reason, self._actions_taken, self._task)
         return self._observed.value(), sum(terms.values()), is_lost, is_truncated, info
 
     def lane_centre_reward(self, distance_m: float) -> float:
@@ -204,13 +201,49 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         return action_wheels(int(action), self._task)
 
     def _info(self, lane: LaneState) -> dict[str, Any]:
-        return {'lane_state': lane, 'is_success': lane.reason not in _FAILURES}
+        return {'lane_state': lane, 'is_success': is_success(lane)}
 
-    def _make_action_space(self) -> spaces.Space[Any]:
-        if self._is_discrete:
-            return spaces.Discrete(len(ACTIONS))
-        limit = self._simulator.parameters.robot.max_wheel_velocity_rad_s
-        return spaces.Box(-limit, limit, (2,), np.float32)
+
+def environment_parameters(
+    scenario: str | int, simulator: Mapping[str, Any]
+) -> SimulatorParameters:
+    """Return the simulator's parameters of an environment.
+
+    Args:
+        scenario: As in `LaneKeepingEnv`.
+        simulator: The same.
+
+    Raises:
+        SpikelaneError: Anything is unknown or not allowed.
+    """
+    values = {'course': scenario_course(scenario), 'episode.max_laps': 0, **simulator}
+    return SimulatorParameters.from_mapping(values, 'simulator')
+
+
+def actions_space(actions: str, parameters: SimulatorParameters) -> spaces.Space[Any]:
+    """Return where actions are: 'discrete' ones, or velocities of the 'wheels'."""
+    if actions == 'discrete':
+        return spaces.Discrete(len(ACTIONS))
+    limit = parameters.robot.max_wheel_velocity_rad_s
+    return spaces.Box(-limit, limit, (2,), np.float32)
+
+
+def outcome(reason: str, actions_taken: int, task: TaskParameters) -> tuple[bool, bool]:
+    """Return whether an episode is terminated, and whether it is truncated.
+
+    Args:
+        reason: Why the simulator ended it, '' where it has not.
+        actions_taken: In the episode.
+        task: The task.
+    """
+    is_lost = reason == TERMINATED_LANE_LOST
+    is_ended = bool(reason) and not is_lost
+    return is_lost, is_ended or actions_taken >= task.max_actions
+
+
+def is_success(lane: LaneState) -> bool:
+    """Return whether the episode has not failed, so far or in the end."""
+    return lane.reason not in _FAILURES
 
 
 def _lane(observation: Observation) -> LaneState:
@@ -218,7 +251,12 @@ def _lane(observation: Observation) -> LaneState:
     return observation.lane
 
 
-def _check_options(options: Mapping[str, Any]) -> None:
+def check_options(options: Mapping[str, Any]) -> None:
+    """Check the options of a reset.
+
+    Raises:
+        SpikelaneError: There is one that is unknown, or not a lane's name.
+    """
     for name, value in options.items():
         if name != 'lane':
             raise SpikelaneError(f'options: expected lane alone, got {name!r:.80}')
@@ -226,6 +264,11 @@ def _check_options(options: Mapping[str, Any]) -> None:
             raise SpikelaneError(f"options: lane: expected a lane's name, got {value!r:.80}")
 
 
-def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
+def check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Check an argument that is one of some words.
+
+    Raises:
+        SpikelaneError: It is not.
+    """
     if value not in allowed:
         raise SpikelaneError(f'{name}: expected {" or ".join(allowed)}, got {value!r}')

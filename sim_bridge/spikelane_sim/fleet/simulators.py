@@ -14,10 +14,31 @@ from spikelane_sim.course import Course, load_course
 from spikelane_sim.episode_rules import REASONS
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.fleet.generators import Generators
-from spikelane_sim.fleet.kernel import begin, make_scratch, ROBOT_DTYPE, Robots
-from spikelane_sim.fleet.world import make_world, World
+from spikelane_sim.fleet.kernel import (
+    begin,
+    FORWARD,
+    make_scratch,
+    ROBOT_DTYPE,
+    Robots,
+    TURN,
+)
+from spikelane_sim.fleet.world import ENGINES, make_world, World
+from spikelane_sim.robots import KINEMATIC
 from spikelane_sim.simulator import CommandCounts
 from spikelane_sim.simulator_parameters import SimulatorParameters
+
+_LANE_FIELDS = (
+    'course',
+    'lane',
+    'section',
+    'reason',
+    'distance_m',
+    'heading_error_rad',
+    'position_m',
+    'progress_m',
+    'laps',
+    'step',
+)
 
 
 class _Episode(NamedTuple):
@@ -68,6 +89,7 @@ class SimulatorFleet:
             raise SpikelaneError(f'courses: expected one for each robot, got {len(names)}')
         distinct = list(dict.fromkeys(names))
         self._courses = [load_course(name) for name in distinct]
+        self._lane_names = [name for course in self._courses for name in course.lanes]
         self.world = make_world(self.parameters, self._courses)
         self.noise, self.losses = Generators(n_robots), Generators(n_robots)
         self.robots = _make_robots(self.world, n_robots, self.noise, self.losses)
@@ -140,21 +162,49 @@ class SimulatorFleet:
         Raises:
             SpikelaneError: It has not begun an episode.
         """
-        known, course = self.robots.known[robot], self.course(robot)
-        lane = tuple(course.lanes)[known['lane'] - self.world.first_lane[known['course']]]
-        return LaneState(
-            lane=lane,
-            distance_m=float(known['distance_m']),
-            heading_error_rad=float(known['heading_error_rad']),
-            position_m=float(known['position_m']),
-            section=course.section_name(lane, int(known['section'])),
-            progress_m=float(known['progress_m']),
-            laps=int(known['laps']),
-            episode=self.episode(robot),
-            step=int(known['step']),
-            terminated=bool(known['reason']),
-            reason=REASONS[known['reason']],
-        )
+        return self._lane_states(np.array([robot]))[0]
+
+    def lane_states(self) -> list[LaneState]:
+        """Return what is known of all robots, which must have begun an episode."""
+        return self._lane_states(np.arange(len(self)))
+
+    def reasons(self) -> list[str]:
+        """Return why the episode of each robot is over; '' where it is not."""
+        return [REASONS[reason] for reason in self.robots.known['reason'].tolist()]
+
+    def wheel_velocities(self) -> NDArray[np.float64]:
+        """Return what the encoders of the wheels measure [rad/s], (n_robots, 2)."""
+        forward, turn = self.robots.motion[:, FORWARD], self.robots.motion[:, TURN]
+        if ENGINES[self.world.engine] == KINEMATIC:
+            return np.stack([forward, turn], axis=1)
+        body = self.world.body
+        half = turn * body.track_m / 2
+        return np.stack([(forward - half) / body.radius_m, (forward + half) / body.radius_m], 1)
+
+    def _lane_states(self, robots: NDArray[np.int64]) -> list[LaneState]:
+        known = self.robots.known[robots]
+        columns = [known[field].tolist() for field in _LANE_FIELDS]
+        states = []
+        for robot, *values in zip(robots.tolist(), *columns, strict=True):
+            course, lane, section, reason, *numbers = values
+            name = self._lane_names[lane]
+            distance_m, heading_error_rad, position_m, progress_m, laps, step = numbers
+            states.append(
+                LaneState(
+                    lane=name,
+                    distance_m=distance_m,
+                    heading_error_rad=heading_error_rad,
+                    position_m=position_m,
+                    section=self._courses[course].section_name(name, section),
+                    progress_m=progress_m,
+                    laps=laps,
+                    episode=self.episode(robot),
+                    step=step,
+                    terminated=reason > 0,
+                    reason=REASONS[reason],
+                )
+            )
+        return states
 
     def command_counts(self, robot: int) -> CommandCounts:
         """Return how many of a robot's commands were not taken as they came."""

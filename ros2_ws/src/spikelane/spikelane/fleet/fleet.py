@@ -2,18 +2,11 @@
 
 Robot i does what `Simulator` and the controller do with the same parameters and seeds, bit for
 bit, whatever N, the number of threads and the other robots are.
-
-Threads, and not numba's `prange`: the kernel releases the interpreter's lock, so that one compiled
-version serves any number of threads, a signal ends it within a call, and no second kernel waits
-for numba's thread pool, of which a process has only one. A thread takes its robots one after the
-other for many steps each, so that a robot's state is read from memory once in a call.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +18,8 @@ from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey, 
 from spikelane_controllers.registry import controller_class, fleet_class
 from spikelane_sim.contract import controller_rng, LaneState, STEP_S
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.fleet.kernel import make_scratch
 from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_sim.fleet.threads import Threads
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Observations that each robot answers in a call of the kernel: about a millisecond's work.
@@ -76,8 +69,6 @@ class Fleet:
             SpikelaneError: Anything is unknown or not allowed, or the kernel does not have it; the
                 message names it.
         """
-        if threads < 1:
-            raise SpikelaneError(f'threads: expected at least 1, got {threads}')
         if not isinstance(simulator, SimulatorParameters):
             simulator = SimulatorParameters.from_mapping(simulator or {}, 'simulator')
         self._seeds = [int(seed) for seed in seeds]
@@ -85,13 +76,7 @@ class Fleet:
         given = controller_class(controller).parameters_class.from_mapping(parameters or {})
         self.controllers: ControllerFleet = fleet_class(controller)(given, self.simulators)
         self.steps = np.zeros(len(self._seeds), np.int64)
-        threads = min(threads, len(self._seeds))
-        bounds = np.linspace(0, len(self._seeds), threads + 1).astype(int).tolist()
-        self._parts = [
-            (first, last, make_scratch(self.simulators.world))
-            for first, last in itertools.pairwise(bounds)
-        ]
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._threads = Threads(threads, len(self._seeds), self.simulators.world)
 
     def __enter__(self) -> Fleet:
         """Return the fleet; leaving the block closes it."""
@@ -107,8 +92,7 @@ class Fleet:
 
     def close(self) -> None:
         """End the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
+        self._threads.close()
 
     def controller(self, robot: int) -> Any:
         """Return a robot's controller as it is now; to change it, see `load`."""
@@ -159,16 +143,9 @@ class Fleet:
         Raises:
             SpikelaneError: The kernel has failed.
         """
-        if self._pool is None:
-            for first, last, scratch in self._parts:
-                self.controllers.advance(first, last, journey, scratch)
-        else:
-            parts = [
-                self._pool.submit(self.controllers.advance, first, last, journey, scratch)
-                for first, last, scratch in self._parts
-            ]
-            for part in parts:
-                part.result()
+        self._threads.run(
+            lambda first, last, scratch: self.controllers.advance(first, last, journey, scratch)
+        )
         self.steps += journey.taken
 
     def drive(self, steps: int, lane: str | None = None) -> list[End]:

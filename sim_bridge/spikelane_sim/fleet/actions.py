@@ -1,0 +1,167 @@
+"""One action of many environments, compiled: steps that hold it, and what is seen of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.fleet.kernel import simulate
+
+_MOST_COUNTED = 255
+
+
+class Cells(NamedTuple):
+    """Cells of the image with events; rows are robots.
+
+    Attributes:
+        crop_top: Rows of pixels left out at the top.
+        side: Of a cell [px].
+        frames: Last steps that count.
+        counts: Events of the last step, (n_robots, rows, columns).
+        last_seen: Steps of the robot's life when each cell last had an event, 0 for never,
+            (n_robots, rows, columns).
+        now: Steps of the robot's life, (n_robots,).
+    """
+
+    crop_top: int
+    side: int
+    frames: int
+    counts: NDArray[np.int64]
+    last_seen: NDArray[np.int64]
+    now: NDArray[np.int64]
+
+
+class Places(NamedTuple):
+    """Where events were in the last steps; rows are robots.
+
+    Attributes:
+        places: Column + width (row + height, for OFF), (n_robots, frames, height * width); memory
+            is taken where there are events.
+        number: How many of them count in each step, (n_robots, frames).
+        oldest: Which of the steps is the oldest, (n_robots,).
+    """
+
+    places: NDArray[np.int32]
+    number: NDArray[np.int64]
+    oldest: NDArray[np.int64]
+
+
+def make_cells(n_robots: int, encoding: EncodingParameters, frames: int) -> Cells:
+    """Return cells that have seen nothing."""
+    shape = (n_robots, encoding.rows, encoding.columns)
+    return Cells(
+        encoding.crop_top,
+        encoding.cell,
+        frames,
+        np.zeros(shape, np.int64),
+        np.zeros(shape, np.int64),
+        np.zeros(n_robots, np.int64),
+    )
+
+
+def make_places(n_robots: int, frames: int, pixels: int) -> Places:
+    """Return places without events."""
+    return Places(
+        np.empty((n_robots, frames, pixels), np.int32),
+        np.zeros((n_robots, frames), np.int64),
+        np.zeros(n_robots, np.int64),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def hold(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, cells, places, wheels, is_driving, steps, first, last
+):
+    """Let robots first to last drive for some steps, or until their episode ends.
+
+    Args:
+        world: The `World`.
+        robots: The `Robots`.
+        scratch: A `Scratch` of this thread.
+        template: `generators.TEMPLATE`.
+        cells: Are brought up to date.
+        places: The same, where there is room for any.
+        wheels: Velocities asked of the wheels [rad/s], (n_robots, 2).
+        is_driving: Which robots drive, (n_robots,).
+        steps: How many steps of 50 ms.
+        first: First of the robots.
+        last: The robot after the last one.
+    """
+    for i in range(first, last):
+        if not is_driving[i]:
+            continue
+        for _ in range(steps):
+            number = simulate(world, robots, scratch, template, i, wheels[i, 0], wheels[i, 1])
+            _count(cells, scratch.events, number, i)
+            if places.places.shape[2] > 0:
+                _put(places, world, scratch.events, number, i)
+            if robots.known[i].reason > 0:
+                break
+
+
+@numba.njit(cache=True)
+def _count(cells, events, number, i):  # type: ignore[no-untyped-def]
+    counts, last_seen = cells.counts[i], cells.last_seen[i]
+    counts[:] = 0
+    cells.now[i] += 1
+    side = np.int32(cells.side)
+    for k in range(number):
+        y = np.int32(events[k].y) - np.int32(cells.crop_top)
+        row, column = y // side, np.int32(events[k].x) // side
+        if 0 <= row < counts.shape[0] and column < counts.shape[1]:
+            counts[row, column] += 1
+            last_seen[row, column] = cells.now[i]
+
+
+@numba.njit(cache=True)
+def _put(places, world, events, number, i):  # type: ignore[no-untyped-def]
+    oldest = places.oldest[i]
+    row = places.places[i, oldest]
+    for k in range(number):
+        y = np.int64(events[k].y)
+        if events[k].polarity <= 0:
+            y += world.height
+        row[k] = y * world.width + np.int64(events[k].x)
+    places.number[i, oldest] = number
+    places.oldest[i] = (oldest + 1) % places.number.shape[1]
+
+
+def forget(cells: Cells, places: Places, robot: int) -> None:
+    """Begin an episode: a robot has seen nothing."""
+    cells.counts[robot] = 0
+    cells.last_seen[robot] = 0
+    cells.now[robot] = cells.frames  # so that a cell that was never seen counts for none of them
+    places.number[robot] = 0
+
+
+def state_images(cells: Cells) -> NDArray[np.uint8]:
+    """Return 1 where a cell had an event in the last steps, (n_robots, rows, columns)."""
+    since = (cells.now - cells.frames)[:, None, None]
+    return (cells.last_seen > since).astype(np.uint8)
+
+
+def event_images(places: Places, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the numbers of events in the last steps, at most 255.
+
+    Args:
+        places: Where events were.
+        shape: Of the image: polarities, height and width.
+    """
+    images = np.zeros((len(places.oldest), *shape), np.uint8)
+    _draw(places, images.reshape(len(images), -1))
+    return images
+
+
+@numba.njit(cache=True)
+def _draw(places: Any, images: NDArray[np.uint8]) -> None:
+    for i in range(images.shape[0]):
+        image = images[i]
+        for frame in range(places.number.shape[1]):
+            row = places.places[i, frame]
+            for k in range(places.number[i, frame]):
+                if image[row[k]] < _MOST_COUNTED:
+                    image[row[k]] += 1
