@@ -11,7 +11,7 @@ way live on. Only the steering restarts.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 import dataclasses
 import math
 from typing import Any, ClassVar
@@ -283,18 +283,21 @@ class RStdp:
 
     def _run_recorded(self, inputs: Spikes) -> Spikes:
         """Run the network for a step, and keep what is to be recorded."""
-        network = self.network
+        network, e_l_mv = self.network, self.parameters.neuron.e_l_mv
         dopamine = network.dopamine.copy()
-        fired, potentials = network.run_watched(inputs)
-        samples: dict[str, Sample] = {
-            'spikes': spike_times(fired),
-            'input_spikes': spike_times(inputs),
-            'potentials': self.parameters.neuron.e_l_mv + potentials,
-            'traces': network.eligibility[None],
-            'dopamine': dopamine[None],
-            'weights': network.weights_pa[None],
+        if 'potentials' in self._recording:
+            fired, potentials_mv = network.run_watched(inputs)
+        else:
+            fired, potentials_mv = network.run(inputs), np.empty(0)
+        samples: dict[str, Callable[[], Sample]] = {
+            'spikes': lambda: spike_times(fired),
+            'input_spikes': lambda: spike_times(inputs),
+            'potentials': lambda: e_l_mv + potentials_mv,
+            'traces': lambda: network.eligibility[None],
+            'dopamine': lambda: dopamine[None],
+            'weights': lambda: network.weights_pa[None],
         }
-        self._recorded = {name: samples[name] for name in self._recording}
+        self._recorded = {name: samples[name]() for name in self._recording}
         return fired
 
     def _in_progress(self, state: PlasticState) -> PlasticNetwork:
