@@ -40,29 +40,30 @@ class SensorParameters(Parameters):
 
     source: str = parameter(
         'auto',
-        'Whether a packet is a step (simulator), or packets are cropped, scaled and binned by '
-        'time (camera). auto: a simulator where there are lane states, or where the time base of '
-        'the first packet is one step before its stamp.',
+        'How packets become steps: each packet is one step (simulator), or packets are '
+        'cropped, scaled and binned by time (camera). auto: simulator if there are lane '
+        'states, or if the time base of the first packet is one step before its stamp; '
+        'otherwise camera.',
         choices=SOURCES,
     )
     crop_left: int = parameter(
         -1,
-        "First column of a camera's image that is used; -1: in the middle.",
+        "First column of a camera's image that is used; -1: the columns in the middle are used.",
         unit='px',
         low=-1,
         high=65_535,
     )
     crop_top: int = parameter(
         -1,
-        "First row of a camera's image that is used; -1: in the middle.",
+        "First row of a camera's image that is used; -1: the rows in the middle are used.",
         unit='px',
         low=-1,
         high=65_535,
     )
     crop_width: int = parameter(
         0,
-        "Columns of a camera's image that are used, the rows by the shape that is wanted; "
-        '0: as many as there are.',
+        "Number of columns of a camera's image that are used; the number of rows follows from "
+        'the shape of the image that the controller needs; 0: as many columns as possible.',
         unit='px',
         low=0,
         high=65_535,
@@ -72,15 +73,16 @@ class SensorParameters(Parameters):
     )
     longest_pause_s: float = parameter(
         1.0,
-        "Steps restart where a camera's time, of events or time words, advances by more at once.",
+        "Steps restart if a camera's time, as its events or time words give it, advances by "
+        'more than this at once.',
         unit='s',
         low=0.05,
         high=60.0,
     )
     stamp_tolerance_s: float = parameter(
         STAMP_TOLERANCE_NS / 1e9,
-        "Steps restart where the stamp of a camera's packet is earlier than the latest one by "
-        'more; clock synchronisation sets stamps back by less.',
+        "Steps restart if the stamp of a camera's packet is earlier than the latest stamp by "
+        'more than this; clock synchronisation sets stamps back by less.',
         unit='s',
         low=0.0,
         high=3600.0,

@@ -36,9 +36,11 @@ class CameraParameters(Parameters):
     """The camera and where it sits on the robot."""
 
     width: int = parameter(
-        128, 'Columns of the sensor.', unit='px', low=1, high=2048, source=_PAPER
+        128, 'Number of pixel columns of the sensor.', unit='px', low=1, high=2048, source=_PAPER
     )
-    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1, high=2048, source=_PAPER)
+    height: int = parameter(
+        128, 'Number of pixel rows of the sensor.', unit='px', low=1, high=2048, source=_PAPER
+    )
     fov_deg: float = parameter(
         100.0,
         'Full horizontal angle of view; pixels are square.',
@@ -57,7 +59,7 @@ class CameraParameters(Parameters):
     )
     x_m: float = parameter(
         0.2329,
-        'Place of the camera in base_link, forward.',
+        'Position of the camera in base_link, forwards.',
         unit='m',
         low=-10.0,
         high=10.0,
@@ -65,7 +67,7 @@ class CameraParameters(Parameters):
     )
     y_m: float = parameter(
         0.008,
-        'Place of the camera in base_link, to the left.',
+        'Position of the camera in base_link, to the left.',
         unit='m',
         low=-10.0,
         high=10.0,
@@ -73,7 +75,7 @@ class CameraParameters(Parameters):
     )
     z_m: float = parameter(
         0.1170,
-        'Place of the camera in base_link, up.',
+        'Position of the camera in base_link, upwards.',
         unit='m',
         low=-10.0,
         high=10.0,
@@ -81,7 +83,7 @@ class CameraParameters(Parameters):
     )
     near_m: float = parameter(
         0.05,
-        'Depth along the optical axis from which on the ground is seen.',
+        'Smallest depth along the optical axis at which the ground is seen.',
         unit='m',
         low=0.001,
         high=100.0,
@@ -89,7 +91,7 @@ class CameraParameters(Parameters):
     )
     far_m: float = parameter(
         2.0,
-        'Depth along the optical axis up to which the ground is seen.',
+        'Largest depth along the optical axis at which the ground is seen.',
         unit='m',
         low=0.001,
         high=1000.0,
@@ -100,7 +102,7 @@ class CameraParameters(Parameters):
     )
     antialias: bool = parameter(
         False,
-        'Whether a pixel is the average over its area, not the ground at its centre.',
+        'Average the ground over the area of each pixel instead of sampling it at the centre.',
         source=_SCENE,
     )
 

@@ -26,12 +26,12 @@ class LinkParameters(Parameters):
 
     latency_ms: int = parameter(
         0,
-        f'From an observation to its command, beyond the usual; whole steps of {STEP_MS} ms.',
+        f'Latency added between an observation and its command; a multiple of {STEP_MS} ms.',
         unit='ms',
         low=0,
         high=60_000,
     )
-    event_loss: float = parameter(0.0, 'Share of events that are lost.', low=0.0, high=1.0)
+    event_loss: float = parameter(0.0, 'Share of the events that is lost.', low=0.0, high=1.0)
 
     def _check_relations(self) -> None:
         # Robots are given one pair of velocities a step, so none can take effect within one.

@@ -25,11 +25,21 @@ Counts = NDArray[np.int64]
 class EncodingParameters(Parameters):
     """How the sensor is divided into cells; the defaults are the spiking controllers'."""
 
-    width: int = parameter(128, 'Columns of the sensor.', unit='px', low=1, high=2048)
-    height: int = parameter(128, 'Rows of the sensor.', unit='px', low=1, high=2048)
-    crop_top: int = parameter(40, 'Rows left out at the top.', unit='px', low=0, high=2047)
-    crop_bottom: int = parameter(24, 'Rows left out at the bottom.', unit='px', low=0, high=2047)
-    cell: int = parameter(16, 'Side of a cell.', unit='px', low=1, high=2048, source='section 4.2')
+    width: int = parameter(
+        128, 'Number of pixel columns of the sensor.', unit='px', low=1, high=2048
+    )
+    height: int = parameter(
+        128, 'Number of pixel rows of the sensor.', unit='px', low=1, high=2048
+    )
+    crop_top: int = parameter(
+        40, 'Pixel rows that are ignored at the top of the image.', unit='px', low=0, high=2047
+    )
+    crop_bottom: int = parameter(
+        24, 'Pixel rows that are ignored at the bottom of the image.', unit='px', low=0, high=2047
+    )
+    cell: int = parameter(
+        16, 'Side of a square cell of pixels.', unit='px', low=1, high=2048, source='section 4.2'
+    )
 
     @functools.cached_property
     def rows(self) -> int:
@@ -54,8 +64,16 @@ class EncodingParameters(Parameters):
 class StateImageParameters(EncodingParameters):
     """The state of the deep Q-network: finer cells, summed over the steps of an action."""
 
-    cell: int = parameter(4, 'Side of a cell.', unit='px', low=1, high=2048, source='section 3.2')
-    frames: int = parameter(10, 'Last steps that count.', low=1, high=1000, source='section 3.2')
+    cell: int = parameter(
+        4, 'Side of a square cell of pixels.', unit='px', low=1, high=2048, source='section 3.2'
+    )
+    frames: int = parameter(
+        10,
+        'Number of steps over which events are counted, the latest ones.',
+        low=1,
+        high=1000,
+        source='section 3.2',
+    )
 
     def _check_relations(self) -> None:
         super()._check_relations()

@@ -37,7 +37,7 @@ class TaskParameters(DecisionParameters):
 
     max_actions: int = parameter(
         1000,
-        'Actions after which an episode is truncated.',
+        'Number of actions after which an episode is truncated.',
         low=1,
         high=MOST_STEPS,
         source='paper section 3.4',

@@ -28,10 +28,13 @@ class EpisodeParameters(Parameters):
         source='paper section 3.3 (0.2 for R-STDP, section 4.2)',
     )
     max_laps: int = parameter(
-        1, 'Laps after which the episode ends; 0: never.', low=0, high=1_000_000
+        1, 'Number of laps after which the episode ends; 0: never.', low=0, high=1_000_000
     )
     max_steps: int = parameter(
-        0, 'Steps of 50 ms after which the episode ends; 0: never.', low=0, high=2**31 - 1
+        0,
+        'Number of steps of 50 ms after which the episode ends; 0: never.',
+        low=0,
+        high=2**31 - 1,
     )
     no_progress_steps: int = parameter(
         0,
@@ -41,7 +44,11 @@ class EpisodeParameters(Parameters):
         high=2**31 - 1,
     )
     min_progress_m: float = parameter(
-        0.1, 'See no_progress_steps.', unit='m', low=0.001, high=1000.0
+        0.1,
+        'Progress that the robot must make within no_progress_steps.',
+        unit='m',
+        low=0.001,
+        high=1000.0,
     )
 
 

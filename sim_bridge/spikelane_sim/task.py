@@ -19,7 +19,7 @@ class ActionParameters(Parameters):
 
     drive_rad_s: float = parameter(
         1.0,
-        'Wheel velocity straight on (v_s).',
+        'Wheel velocity when driving straight on (v_s in the paper).',
         unit='rad/s',
         low=-100.0,
         high=100.0,
@@ -27,7 +27,7 @@ class ActionParameters(Parameters):
     )
     turn_rad_s: float = parameter(
         0.25,
-        'Added and subtracted to turn (v_t).',
+        'Velocity added to one wheel and subtracted from the other in a turn (v_t in the paper).',
         unit='rad/s',
         low=-100.0,
         high=100.0,
@@ -41,14 +41,14 @@ class DecisionParameters(ActionParameters):
 
     steps_per_action: int = parameter(
         10,
-        'Steps of 50 ms for which an action holds.',
+        'Number of steps of 50 ms for which an action holds.',
         low=1,
         high=1_000_000,
         source='paper section 3.2',
     )
     reward_sigma_m: float = parameter(
         0.15,
-        'Standard deviation of the reward.',
+        'Standard deviation of the Gaussian reward.',
         unit='m',
         low=1e-6,
         high=1000.0,

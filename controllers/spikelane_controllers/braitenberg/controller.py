@@ -62,9 +62,14 @@ from spikelane_sim.parameters import nested, parameter, Parameters
 class BraitenbergPoisson(PoissonParameters):
     """Rates of the Braitenberg network's inputs, higher than in the paper's R-STDP table."""
 
-    max_rate_hz: float = parameter(500.0, 'Largest rate.', unit='Hz', low=0.0, high=1e4)
+    max_rate_hz: float = parameter(
+        500.0, 'Largest firing rate of an input.', unit='Hz', low=0.0, high=1e4
+    )
     max_events: int = parameter(
-        10, 'Events in a step that make the largest rate.', low=1, high=1_000_000
+        10,
+        'Events in one cell and step at which an input reaches its largest rate.',
+        low=1,
+        high=1_000_000,
     )
 
 
@@ -74,7 +79,7 @@ class BraitenbergDelays(DelayParameters):
 
     to_relay_ms: float = parameter(
         0.0,
-        'From an input to its relay; 0 where there is no relay.',
+        'Delay from an input to its relay neuron; 0: there is no relay.',
         unit='ms',
         low=0.0,
         high=1000.0,
@@ -86,7 +91,11 @@ class BraitenbergSteering(SteeringParameters):
     """Steering of the Braitenberg controller: full activity is what the neurons can do."""
 
     n_max: int = parameter(
-        25, 'Spikes in a step at full activity.', low=1, high=10_000, source='equation of n_max'
+        25,
+        'Spikes of a neuron in one step that count as full activity.',
+        low=1,
+        high=10_000,
+        source='equation of n_max',
     )
 
 
@@ -96,14 +105,18 @@ class BraitenbergParameters(Parameters):
 
     weights_pa: tuple[float, ...] = parameter(
         LEFT_WEIGHTS_PA,
-        "Weights from the image's left half to the left neuron, by rows; the right is its mirror.",
+        'Weights from the left half of the image to the left neuron, row by row; the right '
+        'half mirrors them.',
         unit='pA',
         low=-1e6,
         high=1e6,
         source='figure "Scenario 1: Braitenberg network weights"',
     )
     lowest_rows: int = parameter(
-        1, 'Rows of cells that excite the neurons, counted from the lowest up.', low=1, high=2048
+        1,
+        'Number of rows of cells that excite the neurons, counted from the lowest row up.',
+        low=1,
+        high=2048,
     )
     encoding: EncodingParameters = nested(EncodingParameters)
     poisson: BraitenbergPoisson = nested(BraitenbergPoisson)

@@ -18,41 +18,52 @@ class QLearningParameters(Parameters):
 
     discount: float = parameter(0.99, 'Discount factor.', low=0.0, high=1.0, source=_TABLE)
     learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
-    batch_size: int = parameter(32, 'Transitions of an update.', low=1, high=65_536, source=_TABLE)
+    batch_size: int = parameter(
+        32, 'Transitions in one update.', low=1, high=65_536, source=_TABLE
+    )
     update_every: int = parameter(
-        4, 'Steps between updates.', low=1, high=1_000_000, source=_TABLE
+        4, 'Action steps between two updates.', low=1, high=1_000_000, source=_TABLE
     )
     soft_update: float = parameter(
         0.001,
-        'Part of the way that the target network goes to the network after an update.',
+        'Fraction of the way that the target network moves towards the network after each update.',
         low=0.0,
         high=1.0,
         source=_TABLE,
     )
     buffer_size: int = parameter(
-        5000, 'Last transitions kept.', low=1, high=10_000_000, source=_TABLE
+        5000, 'Number of transitions kept, the latest ones.', low=1, high=10_000_000, source=_TABLE
     )
     random_steps: int = parameter(
         1000,
-        'Steps before the first update, in which exploration stays at its start.',
+        'Action steps before the first update; exploration stays at its start value in them.',
         low=0,
         high=MOST_STEPS,
         source=_TABLE,
     )
     annealing_steps: int = parameter(
         49_000,
-        "Steps after them in which exploration falls (99000 in the authors' program).",
+        'Action steps after these over which exploration falls to its end value (99000 in the '
+        "authors' program).",
         low=1,
         high=MOST_STEPS,
         source=_TABLE,
     )
     exploration_start: float = parameter(
-        1.0, 'Probability of a random action at first.', low=0.0, high=1.0, source=_TABLE
+        1.0,
+        'Probability of a random action at the beginning of the training.',
+        low=0.0,
+        high=1.0,
+        source=_TABLE,
     )
     exploration_end: float = parameter(
-        0.1, 'Probability of a random action at last.', low=0.0, high=1.0, source=_TABLE
+        0.1,
+        'Probability of a random action after exploration has fallen.',
+        low=0.0,
+        high=1.0,
+        source=_TABLE,
     )
-    device: str = parameter('cpu', 'Where updates are computed.', choices=('cpu', 'cuda'))
+    device: str = parameter('cpu', 'Device that computes the updates.', choices=('cpu', 'cuda'))
 
     def exploration_rate(self, steps: int) -> float:
         """Return the probability of a random action after so many steps (section 3.4)."""
@@ -65,7 +76,9 @@ class QLearningParameters(Parameters):
 class DqnParameters(Parameters):
     """The deep Q-network controller."""
 
-    learning: bool = parameter(False, 'Whether it explores and learns; otherwise it is greedy.')
+    learning: bool = parameter(
+        False, 'Explore and learn; otherwise the best action is always taken.'
+    )
     checkpoint: str = parameter(
         'scenario_1',
         "Initial weights: the name of shipped ones, the path of a training's folder or of a "
@@ -73,8 +86,8 @@ class DqnParameters(Parameters):
     )
     averaged: bool = parameter(
         False,
-        "Take a checkpoint's target network, a running average of the one that learns: it depends "
-        'less on the last updates.',
+        'Use the target network of a checkpoint, which is a running average of the learning '
+        'network and depends less on the last updates.',
     )
     image: StateImageParameters = nested(StateImageParameters)
     task: DecisionParameters = nested(DecisionParameters)

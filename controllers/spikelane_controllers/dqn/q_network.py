@@ -45,22 +45,23 @@ class QNetworkParameters(Parameters):
 
     hidden_1: int = parameter(
         200,
-        'Units of the first hidden layer.',
+        'Number of units in the first hidden layer.',
         low=1,
         high=16_384,
         source='table "DQN parameters"',
     )
     hidden_2: int = parameter(
         200,
-        'Units of the second hidden layer.',
+        'Number of units in the second hidden layer.',
         low=1,
         high=16_384,
         source='table "DQN parameters"',
     )
     initial_bound: float = parameter(
         0.0,
-        'Weights and biases begin uniformly within this bound of 0; 0: 1 / sqrt(inputs of the '
-        "layer), PyTorch's own (1e-3 in the authors' program).",
+        'Initial weights and biases are drawn uniformly from minus this bound to this bound '
+        "(1e-3 in the authors' program); 0: the bound is 1 / sqrt(inputs of the layer), "
+        "PyTorch's default.",
         low=0.0,
         high=100.0,
     )

@@ -29,9 +29,12 @@ _RECENT_EPISODES = 100  # that Stable-Baselines3 takes means over
 class DqnTrainingParameters(TrainingParameters):
     """How long a training of the deep Q-network takes and how often it is saved."""
 
-    steps: int = parameter(100_000, 'Steps to drive, of one action each.', low=1, high=MOST_STEPS)
+    steps: int = parameter(100_000, 'Action steps of the training.', low=1, high=MOST_STEPS)
     save_every: int = parameter(
-        1000, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
+        1000,
+        'Action steps between two checkpoints; a killed training loses at most these.',
+        low=1,
+        high=MOST_STEPS,
     )
 
 

@@ -45,7 +45,13 @@ from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 class FrameParameters(StateImageParameters):
     """What the inputs see: the cells of the Q-network, in one step rather than ten."""
 
-    frames: int = parameter(1, 'Last steps that count.', low=1, high=1000, source='section 3.5')
+    frames: int = parameter(
+        1,
+        'Number of steps over which events are counted, the latest ones.',
+        low=1,
+        high=1000,
+        source='section 3.5',
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -59,15 +65,15 @@ class DqnSnnParameters(Parameters):
     )
     trace_decay: float = parameter(
         0.8,
-        'What is left of an action trace after a step (c).',
+        'Factor by which an action trace decays in each step (c in the paper).',
         low=0.0,
         high=1.0,
         source="the authors' program",
     )
     event_value: float = parameter(
         0.0,
-        'Value of an input for each event in its cell, up to 1; 0 for the scale of the training, '
-        "1 for the authors' driver, which does not scale.",
+        'Value that each event adds to the input of its cell, whose value is at most 1; 0: '
+        "the scale of the training; 1: the authors' driver, which does not scale.",
         low=0.0,
         high=1.0,
     )

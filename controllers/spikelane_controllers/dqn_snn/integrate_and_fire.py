@@ -36,17 +36,31 @@ class IntegrateAndFireParameters(Parameters):
     """Neurons, and how long they are simulated for each step of the simulator."""
 
     simulated_ms: float = parameter(
-        10.0, 'Time simulated in each step of 50 ms.', unit='ms', low=1e-3, high=1e6, source=_TABLE
+        10.0,
+        'Time that the neurons are simulated for each step of 50 ms.',
+        unit='ms',
+        low=1e-3,
+        high=1e6,
+        source=_TABLE,
     )
-    step_ms: float = parameter(1.0, 'Time step.', unit='ms', low=1e-3, high=1e6, source=_TABLE)
+    step_ms: float = parameter(
+        1.0, 'Time step of the neurons.', unit='ms', low=1e-3, high=1e6, source=_TABLE
+    )
     max_rate_hz: float = parameter(
         1000.0, 'Firing rate of an input of value 1.', unit='Hz', low=0.0, high=1e6, source=_TABLE
     )
     threshold_mv: float = parameter(
-        1.0, 'Threshold, in the unit of the weights.', unit='mV', low=1e-3, high=1e6, source=_TABLE
+        1.0,
+        'Firing threshold, in the unit of the weights.',
+        unit='mV',
+        low=1e-3,
+        high=1e6,
+        source=_TABLE,
     )
     reset: str = parameter(
-        'zero', 'Potential after a spike: 0, or what it was less the threshold.', choices=RESETS
+        'zero',
+        'Potential after a spike: 0 (zero), or the potential minus the threshold (subtract).',
+        choices=RESETS,
     )
     clamped: bool = parameter(True, 'Potentials never fall below 0.')
 

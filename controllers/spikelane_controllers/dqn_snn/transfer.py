@@ -45,44 +45,47 @@ class TransferError(SpikelaneError):
 class TransferParameters(Parameters):
     """How the network is trained."""
 
-    hidden: int = parameter(200, 'Hidden units.', low=1, high=16_384, source=_TABLE)
-    steps: int = parameter(10_000, 'Training steps.', low=1, high=MOST_STEPS, source=_TABLE)
+    hidden: int = parameter(200, 'Number of hidden units.', low=1, high=16_384, source=_TABLE)
+    steps: int = parameter(
+        10_000, 'Number of training steps.', low=1, high=MOST_STEPS, source=_TABLE
+    )
     batch_size: int = parameter(
-        50, 'States in a training step.', low=1, high=65_536, source=_TABLE
+        50, 'States in one training step.', low=1, high=65_536, source=_TABLE
     )
     learning_rate: float = parameter(1e-4, "Adam's step size.", low=0.0, high=10.0, source=_TABLE)
     held_out: float = parameter(
-        0.1, 'Share of the states kept for measuring.', low=0.001, high=0.9
+        0.1, 'Share of the states that is kept for measuring the accuracy.', low=0.001, high=0.9
     )
     maximum: int = parameter(
         0,
-        'Events in a cell that make an input of 1; 0 for the largest number in any state.',
+        'Events in a cell at which its input is 1; 0: the largest number in any state.',
         low=0,
         high=255,
         source='section 3.5',
     )
     input_gain: float = parameter(
         1.0,
-        'Inputs are multiplied by this while training, and the first weights afterwards: where '
-        'most are small it makes learning quicker.',
+        'Factor by which inputs are multiplied during the training; the first weights are '
+        'multiplied by it afterwards. A factor above 1 makes learning quicker where most '
+        'inputs are small.',
         low=1e-3,
         high=1e6,
     )
     normalisation: str = parameter(
         'model',
-        'Layers are divided by their largest possible input, or by their largest activation on '
-        'states held out.',
+        'What each layer is divided by: its largest possible input (model), or its largest '
+        'activation on the states held out (data).',
         choices=('model', 'data'),
         source='section 3.5, algorithm 1',
     )
     balanced: bool = parameter(
-        False, 'Whether batches have as many states of each action, however rare it is.'
+        False, 'Draw batches with equally many states of each action, however rare an action is.'
     )
     decays: bool = parameter(
-        False, 'Whether the step size falls to 0, by half a cosine, over the training.'
+        False, 'Let the step size fall to 0 over the training, along half a cosine.'
     )
     measure_every: int = parameter(
-        500, 'Training steps between measurements of the accuracy.', low=1, high=MOST_STEPS
+        500, 'Training steps between two measurements of the accuracy.', low=1, high=MOST_STEPS
     )
 
 

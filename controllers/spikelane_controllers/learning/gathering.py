@@ -35,9 +35,9 @@ MOST_STATES = 10_000_000
 class GatheringParameters(Parameters):
     """How many states, and how they are met."""
 
-    states: int = parameter(50_000, 'States to meet.', low=1, high=MOST_STATES)
+    states: int = parameter(50_000, 'Number of states to gather.', low=1, high=MOST_STATES)
     random_actions: float = parameter(
-        0.1, 'Share of the actions that are drawn at random.', low=0.0, high=1.0
+        0.1, 'Share of the actions that is drawn at random.', low=0.0, high=1.0
     )
     decision: DecisionParameters = nested(DecisionParameters)
     encoding: StateImageParameters = nested(StateImageParameters)

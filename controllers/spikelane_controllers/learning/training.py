@@ -43,9 +43,12 @@ _PREFIX = 'controller.'
 class TrainingParameters(Parameters):
     """How long a training takes and how often it is saved."""
 
-    steps: int = parameter(30_000, 'Steps to drive, of 50 ms each.', low=1, high=MOST_STEPS)
+    steps: int = parameter(30_000, 'Steps of the training, of 50 ms each.', low=1, high=MOST_STEPS)
     save_every: int = parameter(
-        100, 'Steps between checkpoints; a kill costs at most these.', low=1, high=MOST_STEPS
+        100,
+        'Steps between two checkpoints; a killed training loses at most these.',
+        low=1,
+        high=MOST_STEPS,
     )
 
 

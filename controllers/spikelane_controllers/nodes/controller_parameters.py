@@ -24,7 +24,7 @@ class ControllerNodeParameters(MeetingParameters):
 
     seed: int = parameter(0, "Seed of the controller's randomness.", low=0, high=2**63 - 1)
     use_lane_state: bool = parameter(
-        True, 'Wait for lane/state with each event packet; false for a real camera.'
+        True, 'Wait for a message on lane/state with each event packet; false for a real camera.'
     )
     reliability: str = parameter(
         'auto',

@@ -41,7 +41,9 @@ _WEIGHTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class LearningNodeParameters(Parameters):
     """Where a training is kept."""
 
-    output: str = parameter('', "Folder of the training's checkpoints; needed to learn.")
+    output: str = parameter(
+        '', 'Folder for the checkpoints of the training; required for learning.'
+    )
     resume: bool = parameter(False, 'Resume the training in the folder.')
 
 

@@ -77,10 +77,15 @@ class InitialWeights(Parameters):
     """Weights before training: uniform in a range."""
 
     low_pa: float = parameter(
-        200.0, 'Smallest.', unit='pA', low=-1e6, high=1e6, source='section 4.4'
+        200.0, 'Smallest initial weight.', unit='pA', low=-1e6, high=1e6, source='section 4.4'
     )
     high_pa: float = parameter(
-        201.0, 'Largest.', unit='pA', low=-1e6, high=1e6, source="the authors' program"
+        201.0,
+        'Largest initial weight.',
+        unit='pA',
+        low=-1e6,
+        high=1e6,
+        source="the authors' program",
     )
 
     def _check_relations(self) -> None:
@@ -94,7 +99,7 @@ class InitialWeights(Parameters):
 class RStdpParameters(Parameters):
     """The R-STDP controller."""
 
-    learning: bool = parameter(False, 'Whether the weights change.')
+    learning: bool = parameter(False, 'Change the weights while driving.')
     checkpoint: str = parameter(
         'scenario_1',
         "Initial weights: the name of shipped ones, the path of a training's folder or of a "
@@ -102,7 +107,7 @@ class RStdpParameters(Parameters):
     )
     c_r: float = parameter(
         0.01,
-        'Dopamine for each metre from the centre.',
+        'Dopamine for each metre of distance from the lane centre (c_r in the paper).',
         unit='1/(ms m)',
         low=0.0,
         high=1e6,

@@ -37,10 +37,10 @@ class DelayParameters(Parameters):
     """Delays of the connections; NEST's default for both."""
 
     to_relay_ms: float = parameter(
-        1.0, 'From an input to its relay.', unit='ms', low=GRID_MS, high=1000.0
+        1.0, 'Delay from an input to its relay neuron.', unit='ms', low=GRID_MS, high=1000.0
     )
     to_neuron_ms: float = parameter(
-        1.0, 'From a relay to a neuron.', unit='ms', low=GRID_MS, high=1000.0
+        1.0, 'Delay from a relay neuron to a motor neuron.', unit='ms', low=GRID_MS, high=1000.0
     )
 
     def _check_relations(self) -> None:

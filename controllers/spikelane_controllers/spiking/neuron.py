@@ -76,7 +76,7 @@ class NeuronParameters(Parameters):
         -70.0, 'Membrane potential after a spike.', unit='mV', low=-1e4, high=1e4, source=_TABLE
     )
     c_m_pf: float = parameter(
-        250.0, 'Capacity of the membrane.', unit='pF', low=1e-3, high=1e6, source=_TABLE
+        250.0, 'Membrane capacitance.', unit='pF', low=1e-3, high=1e6, source=_TABLE
     )
     tau_m_ms: float = parameter(
         10.0, 'Membrane time constant.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE

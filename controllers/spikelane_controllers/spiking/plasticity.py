@@ -78,14 +78,14 @@ class SynapseParameters(Parameters):
 
     a_plus: float = parameter(
         1.0,
-        'Eligibility gained when the neuron spikes after the relay.',
+        'Eligibility added when the neuron spikes after the relay.',
         low=0.0,
         high=1e6,
         source=_TABLE,
     )
     a_minus: float = parameter(
         1.0,
-        'Eligibility lost when the relay spikes after the neuron.',
+        'Eligibility subtracted when the relay spikes after the neuron.',
         low=0.0,
         high=1e6,
         source=_TABLE,
@@ -100,7 +100,7 @@ class SynapseParameters(Parameters):
     )
     tau_minus_ms: float = parameter(
         20.0,
-        "Time constant of the neuron's trace K_minus (NEST's).",
+        "Time constant of the neuron's trace K_minus; the default is NEST's.",
         unit='ms',
         low=GRID_MS,
         high=1e6,
@@ -117,14 +117,25 @@ class SynapseParameters(Parameters):
         200.0, 'Time constant of dopamine.', unit='ms', low=GRID_MS, high=1e6, source=_TABLE
     )
     w_min_pa: float = parameter(
-        0.0, 'Smallest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+        0.0,
+        'Smallest weight that learning can reach.',
+        unit='pA',
+        low=-1e6,
+        high=1e6,
+        source=_TABLE,
     )
     w_max_pa: float = parameter(
-        3000.0, 'Largest weight.', unit='pA', low=-1e6, high=1e6, source=_TABLE
+        3000.0,
+        'Largest weight that learning can reach.',
+        unit='pA',
+        low=-1e6,
+        high=1e6,
+        source=_TABLE,
     )
     interval_ms: float = parameter(
         1.0,
-        "How often NEST's bookkeeping is done; 0.1: without it.",
+        "Interval at which NEST's bookkeeping brings the synapses up to date; 0.1: the "
+        'equations in continuous time.',
         unit='ms',
         low=GRID_MS,
         high=1e4,

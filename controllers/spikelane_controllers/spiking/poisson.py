@@ -30,10 +30,14 @@ class PoissonParameters(Parameters):
     """Rate of an input: proportional to the events in its cell, up to a largest rate."""
 
     max_rate_hz: float = parameter(
-        300.0, 'Largest rate.', unit='Hz', low=0.0, high=1e4, source=_TABLE
+        300.0, 'Largest firing rate of an input.', unit='Hz', low=0.0, high=1e4, source=_TABLE
     )
     max_events: int = parameter(
-        15, 'Events in a step that make the largest rate.', low=1, high=1_000_000, source=_TABLE
+        15,
+        'Events in one cell and step at which an input reaches its largest rate.',
+        low=1,
+        high=1_000_000,
+        source=_TABLE,
     )
 
 

@@ -34,11 +34,15 @@ class SteeringParameters(Parameters):
     """The steering model; speeds are of the wheels (see `WheelVelocities` for their unit)."""
 
     n_max: int = parameter(
-        15, 'Spikes in a step at full activity.', low=1, high=10_000, source=_TABLE
+        15,
+        'Spikes of a neuron in one step that count as full activity.',
+        low=1,
+        high=10_000,
+        source=_TABLE,
     )
     v_min: float = parameter(
         1.0,
-        'Speed when one neuron alone is active.',
+        'Mean wheel speed when only one neuron is active.',
         unit='rad/s',
         low=0.0,
         high=100.0,
@@ -46,7 +50,7 @@ class SteeringParameters(Parameters):
     )
     v_max: float = parameter(
         1.5,
-        'Speed when both are equally active.',
+        'Mean wheel speed when both neurons are equally active.',
         unit='rad/s',
         low=0.0,
         high=100.0,
@@ -54,7 +58,7 @@ class SteeringParameters(Parameters):
     )
     turn: float = parameter(
         0.5,
-        'Turn when one neuron alone is active.',
+        'Difference of a wheel speed from the mean when only one neuron is active.',
         unit='rad/s',
         low=0.0,
         high=100.0,

@@ -33,8 +33,8 @@ class FilterParameters(Parameters):
 
     chain: str = parameter(
         '',
-        'Filters that events go through, in their order, with commas between them: '
-        f'{", ".join(filter_kinds())}; empty: none.',
+        'Filters that events pass through in this order, separated by commas: '
+        f'{", ".join(filter_kinds())}; empty: no filter.',
     )
 
     @property

@@ -33,8 +33,8 @@ class NearestNeighbourParameters(Parameters):
 
     window_s: float = parameter(
         0.05,
-        'An event passes if one of the eight pixels around had an event no longer ago than this; '
-        '0: at the same time.',
+        'An event passes if one of the eight pixels around it had an event at most this long '
+        'before; 0: only events at the same time count.',
         unit='s',
         low=0.0,
         high=100.0,
@@ -48,7 +48,8 @@ class CorrelationParameters(Parameters):
 
     window_s: float = parameter(
         0.02,
-        'How long an event supports others around it; 0: those of the same time.',
+        'Time for which an event supports the events around it; 0: only events at the same '
+        'time support each other.',
         unit='s',
         low=0.0,
         high=100.0,
@@ -56,23 +57,22 @@ class CorrelationParameters(Parameters):
     )
     supporters: int = parameter(
         2,
-        'Pixels around an event, each of which had an event within the window, that it takes to '
-        'let the event pass.',
+        'Number of pixels around an event that must have had an event within the window for '
+        'the event to pass.',
         low=1,
         high=80,
         source='Guo and Delbruck 2022: 2 or 3 for many uses',
     )
     reach_px: int = parameter(
         1,
-        'How many columns and rows to each side are around an event: 1 is its eight neighbours.',
+        'Number of columns and rows to each side that count as around an event; 1: the eight '
+        'neighbours.',
         unit='px',
         low=1,
         high=4,
         source='Guo and Delbruck 2022',
     )
-    same_polarity: bool = parameter(
-        False, 'Whether only events of the same polarity support an event.'
-    )
+    same_polarity: bool = parameter(False, 'Count only events of the same polarity as support.')
 
     def _check_relations(self) -> None:
         around = (2 * self.reach_px + 1) ** 2 - 1

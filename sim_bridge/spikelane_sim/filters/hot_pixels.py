@@ -43,17 +43,20 @@ class HotPixelSearchParameters(Parameters):
     """What makes a pixel a hot one."""
 
     least_rate_hz: float = parameter(
-        5.0, 'Rate of a hot pixel, at least.', unit='Hz', low=0.0, high=1e6
+        5.0, 'Smallest rate of events at which a pixel can be hot.', unit='Hz', low=0.0, high=1e6
     )
     ratio: float = parameter(
         10.0,
-        'A hot pixel has at least this many times as many events as each of the 24 pixels around '
-        'it but two.',
+        'A hot pixel has at least this many times as many events as each of the 24 pixels '
+        'around it, except for two of them.',
         low=1.0,
         high=1e6,
     )
     least_events: int = parameter(
-        10, 'Events of a hot pixel, at least; fewer say nothing.', low=1, high=10**9
+        10,
+        'Smallest number of events at which a pixel can be hot; fewer events say nothing.',
+        low=1,
+        high=10**9,
     )
 
 
@@ -61,7 +64,7 @@ class HotPixelSearchParameters(Parameters):
 class HotPixelParameters(Parameters):
     """The mask of hot pixels."""
 
-    file: str = parameter('', 'File of the hot pixels, as `spikelane mask` makes it; needed.')
+    file: str = parameter('', 'File of the hot pixels, as `spikelane mask` writes it; required.')
 
 
 def find_hot_pixels(

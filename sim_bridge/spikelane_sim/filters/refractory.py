@@ -24,7 +24,7 @@ class RefractoryParameters(Parameters):
 
     period_s: float = parameter(
         0.001,
-        'An event passes if the event before it of the same pixel is at least this long ago.',
+        'An event passes if the previous event of the same pixel is at least this long ago.',
         unit='s',
         low=0.0,
         high=100.0,

@@ -69,26 +69,30 @@ class MeetingParameters(Parameters):
     wait_for: tuple[str, ...] = parameter(
         (),
         'Nodes that must receive all messages from the first one on: a simulator waits for '
-        'its controller, a controller for its simulator. A name without a leading slash is in the '
-        "node's own namespace. A second publisher of a topic of the drive then ends the node.",
+        'its controller, a controller for its simulator. A name without a leading slash is in '
+        "the node's own namespace. If these nodes are given, a second publisher of a topic "
+        'of the drive ends the node.',
     )
     wait_for_subscribers: int = parameter(
         0,
-        'Number of subscribers that event_camera/events, or wheel_velocities, must have before '
-        'anything is published; any node counts.',
+        'Number of subscribers that event_camera/events, or wheel_velocities, must have '
+        'before anything is published; subscribers of any node count.',
         low=0,
         high=1000,
     )
     recorder_window_steps: int = parameter(
         0,
-        'Steps that lockstep may be ahead of what the recorder has written, well below '
-        'history_depth; nothing is published before the recorder is met on all topics that it is '
-        'to record. 0: nothing waits for a recorder.',
+        'Number of steps that a drive in lockstep may be ahead of what the recorder has '
+        'written, which must be well below history_depth. Nothing is published before the '
+        'recorder is met on all topics that it is to record. 0: nothing waits for a recorder.',
         low=0,
         high=10**6,
     )
     history_depth: int = parameter(
-        10, 'Messages kept for a subscriber that is late; more cost time.', low=1, high=10**6
+        10,
+        'Number of messages kept for a late subscriber; more messages cost time.',
+        low=1,
+        high=10**6,
     )
 
 

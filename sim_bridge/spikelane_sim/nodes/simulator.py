@@ -37,7 +37,8 @@ class SimulatorNodeParameters(MeetingParameters):
 
     mode: str = parameter(
         'lockstep',
-        'Steps wait for the answer to each observation (lockstep), or come by the wall clock.',
+        'When the simulator steps: after the answer to each observation (lockstep), or by the '
+        'wall clock (realtime).',
         choices=('lockstep', 'realtime'),
     )
     real_time_factor: float = parameter(
@@ -45,23 +46,25 @@ class SimulatorNodeParameters(MeetingParameters):
     )
     command_timeout_s: float = parameter(
         0.5,
-        'In realtime mode the wheels stop when no command came for this simulation time.',
+        'In realtime mode the wheels stop when no command has come for this simulation time.',
         unit='s',
         low=STEP_S,
         high=3600.0,
     )
     use_stamped_vel: bool = parameter(
-        False, 'cmd_vel is a TwistStamped instead of a Twist (realtime mode).'
+        False, 'Subscribe to cmd_vel as TwistStamped instead of Twist (realtime mode).'
     )
-    autostart: bool = parameter(True, 'Begin an episode at once instead of waiting for a service.')
+    autostart: bool = parameter(
+        True, 'Begin an episode at once instead of waiting for a service call.'
+    )
     end_after_episodes: int = parameter(
         0,
-        'End the node when this many episodes are over, in lockstep when the last observation is '
-        'answered; 0: never.',
+        'Number of episodes after which the node ends, in lockstep when the last observation '
+        'has been answered; 0: it never ends by itself.',
         low=0,
         high=2**31 - 1,
     )
-    lane: str = parameter('', 'Lane of the first episode; empty: the first of the course.')
+    lane: str = parameter('', 'Lane of the first episode; empty: the first lane of the course.')
     seed: int = parameter(0, 'Seed of all randomness.', low=0, high=2**63 - 1)
     event_encoding: str = parameter(
         'evt3', 'Encoding of the event packets.', choices=('evt3', 'mono')

@@ -39,7 +39,8 @@ class PixelParameters(Parameters):
 
     model: str = parameter(
         'coppelia',
-        "How pixels make events: the paper's simulation (coppelia), or like a real sensor (esim)",
+        "Pixel model: the one of the paper's simulation (coppelia), or one like a real sensor "
+        '(esim).',
         choices=('coppelia', 'esim'),
         source='paper section 3.2',
     )

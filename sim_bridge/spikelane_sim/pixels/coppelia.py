@@ -36,21 +36,22 @@ class CoppeliaParameters(Parameters):
 
     threshold: float = parameter(
         0.1,
-        'Change of linear intensity, relative to the reference, at which a pixel fires',
+        'Change of linear intensity, relative to the reference, at which a pixel fires.',
         low=0.001,
         high=10.0,
         source=_SOURCE,
     )
     dark_intensity: float = parameter(
         0.001,
-        'Intensity that a reference of 0 counts as, white being 1',
+        'Intensity that stands for a reference of 0, where white is 1.',
         low=1e-6,
         high=1.0,
         source=_SOURCE,
     )
     noise_rate_hz: float = parameter(
         0.0,
-        'Rate of noise events of each pixel, ON and OFF together; still at most one a step',
+        'Rate of noise events of each pixel, ON and OFF together; a pixel still fires at most '
+        'once in a step.',
         unit='Hz',
         low=0.0,
         high=1e3,

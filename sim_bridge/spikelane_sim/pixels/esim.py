@@ -51,42 +51,44 @@ class EsimParameters(Parameters):
 
     threshold_on: float = parameter(
         0.2,
-        'Rise of ln(intensity) at which a pixel fires ON',
+        'Rise of ln(intensity) at which a pixel fires an ON event.',
         low=LEAST_THRESHOLD,
         high=10.0,
         source=_V2E,
     )
     threshold_off: float = parameter(
         0.2,
-        'Fall of ln(intensity) at which a pixel fires OFF',
+        'Fall of ln(intensity) at which a pixel fires an OFF event.',
         low=LEAST_THRESHOLD,
         high=10.0,
         source=_V2E,
     )
     threshold_spread: float = parameter(
         0.03,
-        'Standard deviation of both thresholds from pixel to pixel',
+        'Standard deviation of both thresholds from pixel to pixel.',
         low=0.0,
         high=1.0,
         source=_V2E,
     )
     dark_intensity: float = parameter(
         0.001,
-        'Intensity added before the logarithm, white being 1',
+        'Intensity that is added before the logarithm, where white is 1.',
         low=1e-6,
         high=1.0,
         source='ESIM (Rebecq et al. 2018), as implemented',
     )
-    substeps: int = parameter(10, 'Images rendered per simulation step', low=1, high=1000)
+    substeps: int = parameter(
+        10, 'Number of images rendered in each simulation step.', low=1, high=1000
+    )
     refractory_s: float = parameter(
-        0.0, 'Time after an event in which its pixel stays silent', unit='s', low=0.0, high=1.0
+        0.0, 'Time after an event in which its pixel stays silent.', unit='s', low=0.0, high=1.0
     )
     leak_rate_hz: float = parameter(
-        0.1, 'Rate of ON events that each pixel leaks', unit='Hz', low=0.0, high=1e3, source=_V2E
+        0.1, 'Rate of ON events that each pixel leaks.', unit='Hz', low=0.0, high=1e3, source=_V2E
     )
     shot_rate_hz: float = parameter(
         0.0,
-        'Rate of noise events of each pixel in the dark, ON and OFF together',
+        'Rate of noise events of each pixel in the dark, ON and OFF together.',
         unit='Hz',
         low=0.0,
         high=1e3,
@@ -94,29 +96,30 @@ class EsimParameters(Parameters):
     )
     shot_bright_factor: float = parameter(
         0.25,
-        'What the rate of noise events is multiplied by at intensity 1',
+        'Factor by which the rate of noise events is multiplied at intensity 1.',
         low=0.0,
         high=1.0,
         source=_V2E,
     )
     hot_share: float = parameter(
-        0.0, 'Share of the pixels that are hot: they fire whatever they see', low=0.0, high=1.0
+        0.0, 'Share of the pixels that are hot: they fire whatever they see.', low=0.0, high=1.0
     )
     hot_rate_hz: float = parameter(
         100.0,
-        'Rate of events of a hot pixel, ON and OFF together',
+        'Rate of events of a hot pixel, ON and OFF together.',
         unit='Hz',
         low=0.0,
         high=1e4,
     )
     hot_seed: int = parameter(
         0,
-        'Which pixels are hot: those of one camera are the same in all episodes',
+        'Seed that determines which pixels are hot; the same camera has the same hot pixels '
+        'in all episodes.',
         low=0,
         high=2**63 - 1,
     )
     latency_s: float = parameter(
-        0.0, 'Delay between light and event, of all events', unit='s', low=0.0, high=0.2
+        0.0, 'Delay of all events behind the change of light.', unit='s', low=0.0, high=0.2
     )
 
 

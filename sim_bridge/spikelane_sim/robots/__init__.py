@@ -44,22 +44,23 @@ class RobotParameters(Parameters):
 
     model: str = parameter(
         P3DX,
-        'Which robot; its size, limits and the place of its camera are defaults of parameters',
+        'Model of the robot; its size, its limits and the place of its camera are the '
+        'defaults of other parameters.',
         choices=tuple(registry.robot_models()),
         source='paper section 3.2',
     )
     engine: str = parameter(
         PYBULLET,
-        'What moves the robot: physics (pybullet), the same of a body that cannot slip (rigid), '
-        'or an ideal differential drive (kinematic)',
+        'Engine that moves the robot: rigid-body physics (pybullet), the same physics of a '
+        'robot whose wheels cannot slip (rigid), or an ideal differential drive (kinematic).',
         choices=tuple(registry.engines()),
     )
     wheel_radius_m: float = parameter(
-        0.0975, 'Radius of the wheels', unit='m', low=0.01, high=1.0, source="paper's simulation"
+        0.0975, 'Radius of the wheels.', unit='m', low=0.01, high=1.0, source="paper's simulation"
     )
     track_m: float = parameter(
         0.331,
-        'Distance between the wheels',
+        'Distance between the wheels.',
         unit='m',
         low=0.01,
         high=2.0,
@@ -67,7 +68,7 @@ class RobotParameters(Parameters):
     )
     axle_x_m: float = parameter(
         0.0445,
-        "Place of the wheels' axle ahead of base_link",
+        "Distance of the wheels' axle ahead of base_link.",
         unit='m',
         low=-1.0,
         high=1.0,
@@ -75,7 +76,7 @@ class RobotParameters(Parameters):
     )
     height_m: float = parameter(
         0.13879,
-        'Height of base_link above the floor at rest',
+        'Height of base_link above the floor at rest.',
         unit='m',
         low=0.0,
         high=2.0,
@@ -83,7 +84,7 @@ class RobotParameters(Parameters):
     )
     max_wheel_velocity_rad_s: float = parameter(
         12.3,
-        'Fastest wheel velocity that is asked of the robot, either way',
+        'Largest wheel velocity that the robot is commanded, in either direction.',
         unit='rad/s',
         low=0.0,
         high=100.0,
@@ -91,13 +92,13 @@ class RobotParameters(Parameters):
     )
     # 1 N m brakes at 1.8 m/s^2; from 2.7 m/s^2 on (1.5 N m) the caster would leave the floor.
     wheel_torque_n_m: float = parameter(
-        1.0, "Largest torque of a wheel's drive", unit='N m', low=0.01, high=100.0
+        1.0, "Largest torque of a wheel's drive.", unit='N m', low=0.01, high=100.0
     )
     # A rotor of about 7e-6 kg m^2 behind a gear of 38:1 weighs this much at the wheel: four times
     # the wheel itself.
     rotor_inertia_kg_m2: float = parameter(
         0.01,
-        "Inertia of a motor's rotor as felt at its wheel",
+        "Inertia of a motor's rotor as seen at its wheel.",
         unit='kg m^2',
         low=0.0,
         high=1.0,

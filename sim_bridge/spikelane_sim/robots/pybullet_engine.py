@@ -19,11 +19,11 @@ class PybulletParameters(Parameters):
     """How the physics is computed."""
 
     wheel_friction: float = parameter(
-        0.8, 'Friction of the wheels on the floor', low=0.0, high=10.0
+        0.8, 'Friction coefficient of the wheels on the floor.', low=0.0, high=10.0
     )
     physics_step_s: float = parameter(
         0.005,
-        'Step of the physics, a whole fraction of 0.05 s',
+        'Time step of the physics, which must divide 0.05 s.',
         unit='s',
         low=0.0005,
         high=0.05,
@@ -31,7 +31,7 @@ class PybulletParameters(Parameters):
     )
     solver_iterations: int = parameter(
         50,
-        'Most iterations of the contact solver, which stops when it has converged',
+        'Largest number of iterations of the contact solver, which stops when it has converged.',
         low=1,
         high=1000,
     )

@@ -16,11 +16,15 @@ from spikelane_sim.parameters import nested, parameter, Parameters
 class BalanceParameters(Parameters):
     """What can be set: ROS parameters, YAML and --param are made from it."""
 
-    speed_rad_s: float = parameter(1.0, 'Speed of both wheels straight on.', unit='rad/s', low=0.0)
-    gain_rad_s: float = parameter(
-        0.5, 'Turn when all events are on one side.', unit='rad/s', low=0.0
+    speed_rad_s: float = parameter(
+        1.0, 'Speed of both wheels when driving straight on.', unit='rad/s', low=0.0
     )
-    memory: float = parameter(0.8, 'Share of the counts kept at each step.', low=0.0, high=1.0)
+    gain_rad_s: float = parameter(
+        0.5, 'Change of the wheel speeds when all events are on one side.', unit='rad/s', low=0.0
+    )
+    memory: float = parameter(
+        0.8, 'Share of the counts that is kept in each step.', low=0.0, high=1.0
+    )
     encoding: EncodingParameters = nested(EncodingParameters)
 
 

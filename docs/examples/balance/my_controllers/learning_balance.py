@@ -21,9 +21,13 @@ from spikelane_sim.parameters import parameter
 class LearningBalanceParameters(BalanceParameters):
     """Those of the other, and the two that a controller must have to be trained."""
 
-    learning: bool = parameter(False, 'Whether the offset changes.')
-    checkpoint: str = parameter('', "A training's folder, or a checkpoint; empty: nothing learnt.")
-    rate: float = parameter(0.001, 'Offset learnt in a step, per distance.', unit='rad/(s m)')
+    learning: bool = parameter(False, 'Change the offset while driving.')
+    checkpoint: str = parameter(
+        '', 'Folder of a training, or a checkpoint; empty: begin with nothing learnt.'
+    )
+    rate: float = parameter(
+        0.001, 'Change of the offset in each step, per metre of distance.', unit='rad/(s m)'
+    )
 
 
 class LearningBalance(Balance):

@@ -15,7 +15,7 @@ class MeteredParameters(BalanceParameters):
     """What can be set beyond that of the balance controller."""
 
     correction: float = parameter(
-        0.5, 'Share of the lag of a wheel that is added to its command.', low=0.0, high=1.0
+        0.5, 'Share of the lag of each wheel that is added to its command.', low=0.0, high=1.0
     )
 
 

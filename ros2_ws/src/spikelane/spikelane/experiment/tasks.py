@@ -84,7 +84,8 @@ class TrainOptions(Parameters):
 
     steps: int = parameter(
         0,
-        'How long, as --steps of `spikelane train`; 0: as long as usual.',
+        'Length of the training, as --steps of `spikelane train`; 0: the default of the '
+        'controller.',
         low=0,
         high=MOST_STEPS,
     )
@@ -96,28 +97,28 @@ class TransferOptions(Parameters):
 
     states: int = parameter(
         GatheringParameters.states,
-        'States to gather by driving with the trained policy.',
+        'Number of states to gather by driving with the trained policy.',
         low=1,
         high=MOST_STATES,
     )
     steps: int = parameter(
-        0, 'Training steps of the network; 0: as many as usual.', low=0, high=MOST_STEPS
+        0, 'Training steps of the network; 0: the default of the transfer.', low=0, high=MOST_STEPS
     )
-    from_training: bool = parameter(
-        True, 'Whether the states met in the training before it are used too.'
-    )
+    from_training: bool = parameter(True, 'Use the states met in the preceding training as well.')
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions(Parameters):
     """How a controller is evaluated."""
 
-    laps: int = parameter(1, 'Laps in a row.', low=1, high=1_000_000)
-    seeds: int = parameter(EvaluationParameters.seeds, 'Seeds of laps.', low=1, high=1_000_000)
-    seed_offset: int = parameter(
-        0, "The first seed of laps, counted from the run's.", low=0, high=2**40
+    laps: int = parameter(1, 'Laps that each drive takes in a row.', low=1, high=1_000_000)
+    seeds: int = parameter(
+        EvaluationParameters.seeds, 'Number of seeds that are driven.', low=1, high=1_000_000
     )
-    lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of the course.')
+    seed_offset: int = parameter(
+        0, "First seed of the laps, relative to the run's seed.", low=0, high=2**40
+    )
+    lanes: tuple[str, ...] = parameter((), 'Lanes to drive; none: every lane of the course.')
 
 
 def _configure_training(

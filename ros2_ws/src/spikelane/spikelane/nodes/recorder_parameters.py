@@ -16,32 +16,45 @@ class RecorderParameters(Parameters):
     """What is recorded, and how."""
 
     output: str = parameter(
-        '', 'Folder of the bag, must not exist; empty for rosbag2_<date>-<time>.'
+        '', 'Folder of the bag, which must not exist yet; empty: rosbag2_<date>-<time>.'
     )
-    topics: tuple[str, ...] = parameter((), 'Topics to record; none: all that are not hidden.')
-    exclude: tuple[str, ...] = parameter((), 'Topics not to record.')
+    topics: tuple[str, ...] = parameter(
+        (), 'Topics to record; none: all topics that are not hidden.'
+    )
+    exclude: tuple[str, ...] = parameter((), 'Topics that are not recorded.')
     needed: tuple[str, ...] = parameter(
-        (), 'Topics without any message of which the bag is worth nothing: it is removed then.'
+        (),
+        'Topics without which the bag is worthless: if one of them has no message, the bag is '
+        'removed.',
     )
-    compression: str = parameter('zstd', 'How chunks are compressed.', choices=COMPRESSIONS)
+    compression: str = parameter('zstd', 'Compression of the chunks.', choices=COMPRESSIONS)
     chunk_bytes: int = parameter(
-        CHUNK_BYTES, 'Size at which a chunk is written.', unit='B', low=1024, high=2**28
+        CHUNK_BYTES,
+        'Size at which a chunk is written to the file.',
+        unit='B',
+        low=1024,
+        high=2**28,
     )
     max_file_bytes: int = parameter(
-        0, 'Size at which another file is begun; 0: never.', unit='B', low=0, high=2**62
+        0,
+        'Size at which the next file is begun; 0: there is one file.',
+        unit='B',
+        low=0,
+        high=2**62,
     )
     flush_period_s: float = parameter(
         1.0,
-        'A kill costs at most the messages of this time; `spikelane repair` makes the bag whole.',
+        'Time between two writes to the disk; a killed recorder loses at most the messages of '
+        'this time, and `spikelane repair` makes its bag whole.',
         unit='s',
         low=0.05,
         high=60.0,
     )
     depth: int = parameter(
-        10000, 'Messages of a topic that may wait to be recorded.', low=1, high=10**6
+        10000, 'Number of messages of a topic that may wait to be recorded.', low=1, high=10**6
     )
     custom_data: tuple[str, ...] = parameter(
-        (), 'Facts about the run, kept in the metadata: texts like seed=7.'
+        (), 'Facts about the run that are kept in the metadata, as texts like seed=7.'
     )
 
 

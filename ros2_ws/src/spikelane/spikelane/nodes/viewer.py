@@ -55,20 +55,33 @@ class ViewerParameters(Parameters):
     """What is shown, how often and where."""
 
     rate_hz: float = parameter(
-        20.0, 'How often what there is is shown.', unit='Hz', low=0.1, high=200.0
+        20.0, 'Rate at which the view is updated.', unit='Hz', low=0.1, high=200.0
     )
     course: str = parameter(
-        '', "A course's name or file; empty: the simulator is asked which it has."
+        '', 'Name or file of a course; empty: the simulator is asked for its course.'
     )
-    server: str = parameter('', 'Address of a Rerun server to show it on; empty: one is started.')
+    server: str = parameter(
+        '', 'Address of a Rerun server that shows the view; empty: a server is started.'
+    )
     web_port: int = parameter(
-        WEB_PORT, 'Port of the page, on this machine alone; 0: any.', low=0, high=65535
+        WEB_PORT,
+        'Port of the web page, which only this machine can reach; 0: any free port.',
+        low=0,
+        high=65535,
     )
     grpc_port: int = parameter(
-        GRPC_PORT, 'Port of what the page shows, on this machine alone; 0: any.', low=0, high=65535
+        GRPC_PORT,
+        'Port of the data that the page shows, which only this machine can reach; 0: any free '
+        'port.',
+        low=0,
+        high=65535,
     )
     memory_mb: int = parameter(
-        MEMORY_MB, 'The oldest is forgotten beyond this.', unit='MB', low=16, high=10**6
+        MEMORY_MB,
+        'Memory of the view; the oldest data are dropped beyond it.',
+        unit='MB',
+        low=16,
+        high=10**6,
     )
 
 

@@ -45,40 +45,52 @@ class WheelsToTwistParameters(Parameters):
     """The robot, the type of its commands, and its limits."""
 
     wheel_radius_m: float = parameter(
-        0.0, "Radius of the wheels; 0: that of the robot's URDF.", unit='m', low=0.0, high=10.0
+        0.0,
+        "Radius of the wheels; 0: the radius in the robot's URDF.",
+        unit='m',
+        low=0.0,
+        high=10.0,
     )
     track_m: float = parameter(
         0.0,
-        "Distance between the wheels; 0: that of the robot's URDF.",
+        "Distance between the wheels; 0: the distance in the robot's URDF.",
         unit='m',
         low=0.0,
         high=10.0,
     )
     urdf_file: str = parameter(
-        '', "File of the robot's URDF; empty: what comes on robot_description, where it is needed."
+        '',
+        "File of the robot's URDF; empty: the URDF is received on robot_description, where it "
+        'is needed.',
     )
-    left_joint: str = parameter(WHEEL_JOINTS[0], "The left wheel's joint in the URDF.")
-    right_joint: str = parameter(WHEEL_JOINTS[1], "The right wheel's joint in the URDF.")
-    use_stamped_vel: bool = parameter(False, 'cmd_vel is a TwistStamped instead of a Twist.')
-    frame_id: str = parameter('base_link', 'Frame of a TwistStamped.')
+    left_joint: str = parameter(
+        WHEEL_JOINTS[0], 'Name of the joint of the left wheel in the URDF.'
+    )
+    right_joint: str = parameter(
+        WHEEL_JOINTS[1], 'Name of the joint of the right wheel in the URDF.'
+    )
+    use_stamped_vel: bool = parameter(False, 'Publish cmd_vel as TwistStamped instead of Twist.')
+    frame_id: str = parameter('base_link', 'Frame of the TwistStamped messages.')
     max_linear_m_s: float = parameter(
         0.5,
-        'Largest velocity, forward or backward; what is faster is slowed down on the same path.',
+        'Largest velocity, forwards or backwards; a faster command is slowed down along the '
+        'same path.',
         unit='m/s',
         low=0.0,
         high=100.0,
     )
     max_angular_rad_s: float = parameter(
         1.5,
-        'Largest turning rate, either way; what is faster is slowed down on the same path.',
+        'Largest turning rate in either direction; a faster command is slowed down along the '
+        'same path.',
         unit='rad/s',
         low=0.0,
         high=100.0,
     )
     timeout_s: float = parameter(
         0.5,
-        'The robot is stopped when no wheel velocities came for this time, which is that of the '
-        'simulation with use_sim_time.',
+        'The robot is stopped when no wheel velocities have come for this time, which is '
+        'simulation time if use_sim_time is true.',
         unit='s',
         low=0.05,
         high=3600.0,

@@ -17,12 +17,14 @@ from spikelane_sim.random_course import expand_courses
 class EvaluationParameters(Parameters):
     """What is driven."""
 
-    seeds: int = parameter(1, 'Seeds, counted on from the first.', low=1, high=1_000_000)
-    lanes: tuple[str, ...] = parameter((), 'Lanes driven; none: every lane of a course.')
+    seeds: int = parameter(
+        1, 'Number of seeds that are driven, counted up from the first one.', low=1, high=1_000_000
+    )
+    lanes: tuple[str, ...] = parameter((), 'Lanes to drive; none: every lane of a course.')
     courses: tuple[str, ...] = parameter(
         (),
-        "Courses driven; none: the scenario's. random:N: N random ones, of seeds 0 to N - 1; "
-        'random:FIRST-LAST: those of these seeds.',
+        'Courses to drive; none: the course of the scenario. random:N: N random courses with '
+        'seeds 0 to N - 1; random:FIRST-LAST: the random courses with these seeds.',
     )
 
 

@@ -47,24 +47,31 @@ _KEPT = QoSProfile(depth=1000)
 class ReplayNodeParameters(Parameters):
     """What is replayed, and how."""
 
-    bag: str = parameter('', "A bag's folder, or one of its .mcap or .db3 files; needed.")
+    bag: str = parameter('', 'Folder of a bag, or one of its .mcap or .db3 files; required.')
     events: str = parameter(
-        '', 'Topic of its event packets; empty: /event_camera/events, or the only one.'
+        '',
+        'Topic of the event packets; empty: /event_camera/events, or the only topic of event '
+        'packets.',
     )
     mode: str = parameter(
         'lockstep',
-        'Packets wait for the answers before them (lockstep), or come as they were recorded.',
+        'When packets are published: after the answers to the packets before them (lockstep), '
+        'or at the recorded times (realtime).',
         choices=('lockstep', 'realtime'),
     )
     rate: float = parameter(
         1.0, 'Recorded time per wall time in realtime mode.', low=0.01, high=1000.0
     )
     use_lane_state: bool = parameter(
-        True, 'Publish lane/state, where it is in the bag, with the packets.'
+        True, 'Publish lane/state with the packets, if the bag has it.'
     )
-    output: str = parameter('', 'File for the result, in JSON; empty: only printed.')
+    output: str = parameter('', 'File for the result in JSON; empty: the result is only printed.')
     wait_for_subscribers: int = parameter(
-        1, 'Subscribers event_camera/events must have before the first packet.', low=1, high=1000
+        1,
+        'Number of subscribers that event_camera/events must have before the first packet is '
+        'published.',
+        low=1,
+        high=1000,
     )
     sensor: SensorParameters = nested(SensorParameters)
     filter: FilterParameters = nested(FilterParameters)
