@@ -107,7 +107,7 @@ class RStdpParameters(Parameters):
     )
     c_r: float = parameter(
         0.01,
-        'Dopamine for each metre of distance from the lane centre (c_r in the paper).',
+        'Dopamine for each metre of distance from the lane centre.',
         unit='1/(ms m)',
         low=0.0,
         high=1e6,

@@ -17,7 +17,7 @@ def test_a_controller_has_those_of_its_training_and_transfer(
         'default': 0.01,
         'allowed': 'a number from 0 to 1000000 1/(ms m)',
         'unit': '1/(ms m)',
-        'description': 'Dopamine for each metre of distance from the lane centre (c_r in the paper).',
+        'description': 'Dopamine for each metre of distance from the lane centre.',
         'source': 'table "Simulation parameters specification"',
     }
     assert found['training.steps']['default'] == 30000
