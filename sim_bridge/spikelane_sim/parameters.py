@@ -43,6 +43,8 @@ class ParameterSpec:
         low: Smallest allowed value, None for no bound.
         high: Largest allowed value, None for no bound.
         choices: Allowed texts, empty for any.
+        ending: What the paths of files end with that are allowed in addition to the choices,
+            empty for none.
         source: Where the default comes from (a place in the paper), empty for our own choice.
         item: Type of a list's items: float or str.
     """
@@ -55,6 +57,7 @@ class ParameterSpec:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    ending: str = ''
     source: str = ''
     item: type = float
 
@@ -62,7 +65,8 @@ class ParameterSpec:
     def allowed(self) -> str:
         """The allowed values in words, for messages, help texts and parameter descriptors."""
         if self.choices:
-            return 'one of ' + ', '.join(self.choices)
+            file = f', or the path of a {self.ending} file' if self.ending else ''
+            return f'one of {", ".join(self.choices)}{file}'
         unit = f' {self.unit}' if self.unit else ''
         kind = _LIST_NAMES[self.item] if self.kind is tuple else _KIND_NAMES[self.kind]
         if self.low is not None and self.high is not None:
@@ -86,7 +90,8 @@ class ParameterSpec:
 
     def _is_allowed(self, value: Any) -> bool:
         if self.choices:
-            return value in self.choices
+            is_file = bool(self.ending) and value.endswith(self.ending)
+            return is_file or value in self.choices
         numbers = value if self.kind is tuple else (value,)
         if self.kind not in (int, float, tuple) or (self.kind is tuple and self.item is str):
             return True
@@ -106,6 +111,7 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    ending: str = '',
     source: str = '',
 ) -> Any:
     """Declare a field of a `Parameters` class; see `ParameterSpec` for the arguments."""
@@ -115,6 +121,7 @@ def parameter(
         'low': low,
         'high': high,
         'choices': choices,
+        'ending': ending,
         'source': source,
     }
     return dataclasses.field(default=default, metadata=metadata)

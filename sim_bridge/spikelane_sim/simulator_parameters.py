@@ -11,8 +11,7 @@ from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.robots import P3DX, RobotParameters
-from spikelane_sim.robots.model import RobotModel
-from spikelane_sim.robots.registry import robot_models
+from spikelane_sim.robots.registry import values_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +71,8 @@ class SimulatorParameters(Parameters):
     @classmethod
     def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """As in Parameters: the values of the robot that `robot.model` names."""
-        model = robot_models().get(str(values.get('robot.model', P3DX)))
-        if not isinstance(model, RobotModel):
+        model = values_of(str(values.get('robot.model', P3DX)))
+        if model is None:
             return {}
         drive = {f'robot.{name}': value for name, value in model.drive.items()}
         return drive | {f'camera.{name}': value for name, value in model.camera.items()}

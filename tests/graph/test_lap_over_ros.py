@@ -22,6 +22,8 @@ from spikelane.main import run
 
 pytestmark = pytest.mark.ros
 
+#: A URDF that is no registered robot's.
+OWN = Path(__file__).parents[2] / 'docs/examples/robot/small.urdf'
 STEPS = 100
 DEADLINE_S = 280
 EVERY_STEP = (
@@ -298,16 +300,21 @@ def test_the_dqn_snn_drives_the_same_over_ros(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('controller', 'engine'), [('braitenberg', 'kinematic'), ('rstdp', 'rigid')]
+    ('model', 'controller', 'engine', 'place'),
+    [
+        ('turtlebot4', 'braitenberg', 'kinematic', (0.164, 0.0, 0.2558)),
+        ('turtlebot4', 'rstdp', 'rigid', (0.164, 0.0, 0.2558)),
+        (str(OWN), 'braitenberg', 'pybullet', (0.05, 0.0, 0.2458)),
+    ],
 )
-def test_a_turtlebot_drives_as_in_process_and_is_described(
-    tmp_path: Path, controller: str, engine: str
+def test_another_robot_drives_as_in_process_and_is_described(
+    tmp_path: Path, model: str, controller: str, engine: str, place: tuple[float, ...]
 ) -> None:
     """The same bits; its URDF and the place of its camera are on the topics."""
-    robot = ('--robot', 'turtlebot4', '--engine', engine, '--controller', controller)
+    robot = ('--robot', model, '--engine', engine, '--controller', controller)
     over_ros = drive_short(tmp_path / 'ros', *robot)
     in_process = drive_short(tmp_path / 'inprocess', *robot, '--transport', 'inprocess')
-    assert (over_ros.status, over_ros.result['robot']) == (1, 'turtlebot4'), over_ros.errors
+    assert (over_ros.status, over_ros.result['robot']) == (1, model), over_ros.errors
     assert over_ros.result['steps'] == STEPS
     trajectories = [each.folder / 'trajectory.csv' for each in (over_ros, in_process)]
     assert trajectories[0].read_bytes() == trajectories[1].read_bytes()
@@ -315,9 +322,9 @@ def test_a_turtlebot_drives_as_in_process_and_is_described(
     with AnyReader([over_ros.bag]) as reader:
         for connection, _, raw in reader.messages():
             said[connection.topic] = reader.deserialize(raw, connection.msgtype)
-    assert '<robot name="turtlebot4">' in said['/robot_description'].data
+    assert f'<robot name="{Path(model).stem}">' in said['/robot_description'].data
     camera = said['/tf_static'].transforms[0].transform.translation
-    assert (camera.x, camera.y, camera.z) == (0.164, 0.0, 0.2558)
+    assert (camera.x, camera.y, camera.z) == place
 
 
 def test_filters_act_alike_in_all_transports_and_in_a_replay(

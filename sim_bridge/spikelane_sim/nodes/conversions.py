@@ -19,12 +19,11 @@ from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError, PacketError
 from spikelane_sim.events import Events
-from spikelane_sim.messages import to_stamp_ns
+from spikelane_sim.messages import CAMERA_FRAME, to_stamp_ns
 from spikelane_sim.sensor import ReceivedPacket
 
 WORLD_FRAME = 'odom'
 BODY_FRAME = 'base_link'
-CAMERA_FRAME = 'event_camera_optical_frame'
 
 # What a robot on the ground is given as its state; it stands upright whatever was asked for.
 _MAX_HEIGHT_M = 1.0

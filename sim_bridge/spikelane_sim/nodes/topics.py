@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
-from spikelane_sim.messages import WHEEL_JOINTS
+from spikelane_sim.messages import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.meeting import LATCHED
@@ -110,7 +110,7 @@ class SimulatorTopics:
     def _make_messages(self, simulator: Simulator) -> None:
         camera = simulator.parameters.camera
         self._packet = EventPacket(width=camera.width, height=camera.height)
-        self._packet.header.frame_id = conversions.CAMERA_FRAME
+        self._packet.header.frame_id = CAMERA_FRAME
         self._clock = Clock()
         self._transform = TransformStamped(child_frame_id=conversions.BODY_FRAME)
         self._transform.header.frame_id = conversions.WORLD_FRAME
@@ -120,7 +120,7 @@ class SimulatorTopics:
         self._camera_info = conversions.camera_info(simulator.camera)
         self._image = Image(width=camera.width, height=camera.height, encoding='bgr8')
         self._image.step = 3 * camera.width
-        self._image.header.frame_id = conversions.CAMERA_FRAME
+        self._image.header.frame_id = CAMERA_FRAME
         self._lane = LaneStateMessage()
         self._lane.header.frame_id = conversions.WORLD_FRAME
 

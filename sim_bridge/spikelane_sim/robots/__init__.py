@@ -14,7 +14,7 @@ from spikelane_sim.contract import Robot
 from spikelane_sim.engine import Engine
 from spikelane_sim.parameters import parameter, Parameters, ParameterSpec, ParametersT, with_groups
 from spikelane_sim.robots import registry
-from spikelane_sim.robots.model import RobotModel
+from spikelane_sim.robots.own import ENDING
 
 PYBULLET = 'pybullet'
 KINEMATIC = 'kinematic'
@@ -44,9 +44,10 @@ class RobotParameters(Parameters):
 
     model: str = parameter(
         P3DX,
-        'Model of the robot; its size, its limits and the place of its camera are the '
-        'defaults of other parameters.',
+        'Model of the robot, or the path of its URDF; its size, its limits and the place of its '
+        'camera are the defaults of other parameters.',
         choices=tuple(registry.robot_models()),
+        ending=ENDING,
         source='paper section 3.2',
     )
     engine: str = parameter(
@@ -104,6 +105,10 @@ class RobotParameters(Parameters):
         high=1.0,
     )
 
+    def _check_relations(self) -> None:
+        if self.model.endswith(ENDING):
+            registry.robot_model(self.model)  # it can be read
+
     def own(self, cls: type[ParametersT]) -> ParametersT:
         """Return the own parameters of the robot's engine, which are of this class."""
         found = getattr(self, self.engine)
@@ -129,8 +134,8 @@ class RobotParameters(Parameters):
     @classmethod
     def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """As in Parameters: the values of the robot that `model` names."""
-        model = registry.robot_models().get(str(values.get('model', P3DX)))
-        return model.drive if isinstance(model, RobotModel) else {}
+        model = registry.values_of(str(values.get('model', P3DX)))
+        return model.drive if model else {}
 
 
 def make_robot(parameters: RobotParameters, poses_per_step: int = 1) -> Robot:

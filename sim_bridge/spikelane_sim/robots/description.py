@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple, TYPE_CHECKING
-from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.messages import WHEEL_JOINTS
+from spikelane_sim.robots.urdf import Inertial, joined, read_tree, RoundShape, UrdfTree
 
 if TYPE_CHECKING:
     from spikelane_sim.robots import RobotParameters
@@ -18,6 +22,9 @@ if TYPE_CHECKING:
 # base_link may be this far off the height at which the wheels just touch the floor: as it is by
 # default, they stand 0.01 mm deep in it, the depth that Bullet leaves alone.
 _HEIGHT_TOLERANCE_M = 1e-4
+# A wheel's axis may be 0.8 degrees off: rotations in URDFs are often rounded, as 1.57.
+_ALONG = 0.9999
+_DECIMALS = 12
 
 Vector = tuple[float, float, float]
 
@@ -44,15 +51,16 @@ class Description(NamedTuple):
 def read_description(urdf: Path) -> Description:
     """Read a robot's URDF.
 
+    All joints but those of the wheels are taken for fixed, at zero: what hangs on them belongs to
+    the base. A wheel stands on the sphere of its radius, whether it is a sphere or a cylinder.
+
     Raises:
         ParameterError: It lacks what the physics needs.
     """
-    robot = ElementTree.parse(urdf).getroot()
-    return Description(
-        base=_read_part(robot, 'base_link', (0.0, 0.0, 0.0)),
-        left=_read_part(robot, 'left_wheel', _joint_origin(robot, 'left_wheel_joint')),
-        right=_read_part(robot, 'right_wheel', _joint_origin(robot, 'right_wheel_joint')),
-    )
+    tree = read_tree(urdf)
+    left, right = (_read_wheel(tree, joint) for joint in WHEEL_JOINTS)
+    height_m = left.contact_radius_m - left.origin_m[2] - left.contact_m[2]
+    return Description(_read_base(tree, height_m), left, right)
 
 
 def check_geometry(parameters: RobotParameters, description: Description, urdf: str) -> None:
@@ -78,7 +86,8 @@ def check_geometry(parameters: RobotParameters, description: Description, urdf: 
         if abs(value - expected) > tolerance:
             raise ParameterError(
                 f'{name}: expected {expected:g} as in {urdf}, got {value:g}; '
-                f'only the engine kinematic can have another'
+                'a robot of another size needs a URDF of its own (robot.model: FILE.urdf), or the '
+                'engine kinematic'
             )
 
 
@@ -110,34 +119,63 @@ def _mirrored(vector: Vector) -> Vector:
     return (vector[0], -vector[1], vector[2])
 
 
-def _read_part(robot: ElementTree.Element, name: str, origin_m: Vector) -> Part:
-    link = _find(robot, f"link[@name='{name}']")
-    inertia = _find(link, 'inertial/inertia').attrib
-    contact = _find(link, 'collision/geometry/sphere/../..')
+def _read_wheel(tree: UrdfTree, joint: str) -> Part:
+    link = tree.child_of(joint)
+    pose = tree.pose(link)
+    axis = pose.rotation @ tree.axis(joint)
+    if abs(axis[1]) < _ALONG:
+        tree.refuse(f'joint {joint}: expected an axis along y of {tree.root}', axis.tolist())
+    own = pose._replace(origin_m=np.zeros(3))  # its frame's place, the axes of the base
+    inertial = tree.inertial(link, own)
+    shapes = list(tree.round_shapes(link, own))
+    if inertial is None or not shapes:
+        tree.refuse(
+            f'link {link}: expected a mass with inertia, and a sphere or cylinder as collision',
+            'neither' if inertial is None and not shapes else 'one of them',
+        )
+    shape = max(shapes, key=lambda each: each.radius_m)
+    return _part(pose.origin_m, inertial, shape)
+
+
+def _read_base(tree: UrdfTree, height_m: float) -> Part:
+    """Return all that is no wheel as one part.
+
+    Args:
+        tree: The robot.
+        height_m: Height of base_link above the floor.
+    """
+    links = tree.links_without(WHEEL_JOINTS)
+    found = [each for link in links if (each := tree.inertial(link, tree.pose(link)))]
+    spheres = [
+        shape
+        for link in links
+        for shape in tree.round_shapes(link, tree.pose(link))
+        if shape.kind == 'sphere'
+        and abs(shape.centre_m[2] - shape.radius_m + height_m) < _HEIGHT_TOLERANCE_M
+    ]
+    if not found:
+        tree.refuse(f'link {tree.root}: expected a mass with inertia', 'none')
+    if len(spheres) != 1:
+        tree.refuse(
+            'one caster: a sphere as collision of a link that is no wheel, which touches the '
+            f'floor as the wheels do, at z = {-height_m:g} m in {tree.root}: expected',
+            len(spheres),
+        )
+    return _part(np.zeros(3), found[0] if len(found) == 1 else joined(found), spheres[0])
+
+
+def _part(origin_m: NDArray[np.float64], inertial: Inertial, shape: RoundShape) -> Part:
     return Part(
-        origin_m=origin_m,
-        mass_kg=float(_find(link, 'inertial/mass').attrib['value']),
-        mass_centre_m=_origin(_find(link, 'inertial')),
-        inertia_kg_m2=(float(inertia['ixx']), float(inertia['iyy']), float(inertia['izz'])),
-        contact_m=_origin(contact),
-        contact_radius_m=float(_find(contact, 'geometry/sphere').attrib['radius']),
+        origin_m=_vector(origin_m),
+        mass_kg=inertial.mass_kg,
+        mass_centre_m=_vector(inertial.centre_m),
+        inertia_kg_m2=_vector(np.diagonal(inertial.inertia_kg_m2)),
+        contact_m=_vector(shape.centre_m),
+        contact_radius_m=shape.radius_m,
     )
 
 
-def _joint_origin(robot: ElementTree.Element, name: str) -> Vector:
-    return _origin(_find(robot, f"joint[@name='{name}']"))
-
-
-def _origin(element: ElementTree.Element) -> Vector:
-    origin = element.find('origin')
-    if origin is None:
-        return (0.0, 0.0, 0.0)
-    x, y, z = (float(number) for number in origin.attrib['xyz'].split())
+def _vector(values: NDArray[np.float64]) -> Vector:
+    """Return three numbers, without what rotations leave of zeros."""
+    x, y, z = (round(value, _DECIMALS) + 0.0 for value in values.tolist())
     return (x, y, z)
-
-
-def _find(element: ElementTree.Element, path: str) -> ElementTree.Element:
-    found = element.find(path)
-    if found is None:
-        raise ParameterError(f'URDF of the robot: expected {path}, got none')
-    return found

@@ -99,13 +99,13 @@ def _position_m(robot: ElementTree.Element, joint: ElementTree.Element) -> NDArr
         if name in seen:
             raise ParameterError(f'URDF: expected a tree, got joint {name} above itself')
         seen.add(name)
-        rotation = _rotation(*_numbers(above, 'rpy'))
-        position_m = rotation @ position_m + np.array(_numbers(above, 'xyz'))
+        turned = rotation(*_numbers(above, 'rpy'))
+        position_m = turned @ position_m + np.array(_numbers(above, 'xyz'))
         above = parents.get(_link(above, 'parent'))
     return position_m
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+def rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     """Return the rotation about the fixed axes x, y and z, in this order [rad]."""
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
@@ -113,8 +113,8 @@ def _rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    rotation: NDArray[np.float64] = about_z @ about_y @ about_x
-    return rotation
+    turned: NDArray[np.float64] = about_z @ about_y @ about_x
+    return turned
 
 
 def _radius_m(robot: ElementTree.Element, joint: ElementTree.Element) -> float:

@@ -16,7 +16,7 @@ class RobotModel(NamedTuple):
         urdf: Its description, which ROS publishes as `robot_description`, and out of which
             engines take masses, inertias and contacts (`description.read_description`). Joints
             and frames have the names that `pioneer.urdf` has: `left_wheel_joint`,
-            `right_wheel_joint`, `base_link`, `event_camera_optical_frame`.
+            `right_wheel_joint`, `base_link`, `event_camera_optical_frame`. See docs/robots.md.
         drive: Values of parameters `robot.<name>`, where they are not the defaults.
         camera: Values of parameters `camera.<name>`, where they are not the defaults: above all
             where the camera is mounted.

@@ -115,7 +115,7 @@ def with_robot(record: ExperimentRecord, given: Mapping[str, str]) -> Experiment
         record: The experiment.
         given: `simulator.robot.model`, `simulator.robot.engine` or both.
     """
-    name = '-'.join(given.values())
+    name = '-'.join(Path(value).stem for value in given.values())
     robots: Mapping[str, Axis] = {'robots': {name: given}}
     blocks = (block._replace(axes={**robots, **block.axes, **robots}) for block in record.blocks)
     return record._replace(name=f'{record.name}_{name}', blocks=tuple(blocks))

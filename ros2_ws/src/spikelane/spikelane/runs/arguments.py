@@ -14,7 +14,7 @@ from spikelane_controllers.registry import controller_class, controller_names, u
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parsing import parse_yaml, ParseError
-from spikelane_sim.robots.registry import engines, robot_models
+from spikelane_sim.robots.registry import engines, robot_model, robot_models
 from spikelane_sim.sensor_preset import load_preset, preset_names, preset_parameters
 
 _SHOWN_EVERY_STEPS = 100
@@ -67,8 +67,10 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare which robot drives and what moves it, which `given_robot` reads."""
     parser.add_argument(
         '--robot',
-        choices=(*robot_models(), *engines()),
-        help='robot to simulate (default: p3dx); an engine is also accepted, as by --engine',
+        type=_robot,
+        metavar='ROBOT',
+        help=f'robot to simulate: {", ".join(robot_models())}, or the path of its URDF (default: '
+        'p3dx); an engine is also accepted, as by --engine',
     )
     parser.add_argument(
         '--engine',
@@ -168,6 +170,20 @@ def _preset(options: argparse.Namespace) -> dict[str, Any]:
         return {}
     values = preset_parameters(load_preset(options.preset))
     return {f'simulator.{name}': value for name, value in values.items()}
+
+
+def _robot(text: str) -> str:
+    """Return a robot or engine.
+
+    Raises:
+        argparse.ArgumentTypeError: It is neither, nor a URDF that can be read.
+    """
+    if text not in engines():
+        try:
+            robot_model(text)
+        except ParameterError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def given_robot(options: argparse.Namespace) -> dict[str, str]:

@@ -11,12 +11,13 @@ from spikelane_controllers.checkpoint import checkpoint_file
 from spikelane_controllers.registry import card, transfer_names
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointError
+from spikelane_sim.robots.own import ENDING
 
 
 def input_digests(configuration: Mapping[str, Any]) -> dict[str, str]:
     """Return the SHA-256 of the files that a configuration names, by these names.
 
-    These are course files, weights and masks of hot pixels.
+    These are course files, URDFs, weights and masks of hot pixels.
 
     Names of shipped courses and of what is not there yet are left out.
 
@@ -36,6 +37,9 @@ def _inputs(configuration: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
         for course in (values.get('course'), *values.get('courses', ())):
             if course:
                 yield course, Path(course)
+    model = str(configuration.get('simulator', {}).get('robot.model', ''))
+    if model.endswith(ENDING):
+        yield model, Path(model)
     # Filters have a file each at most.
     for name, value in configuration.get('filter', {}).items():
         if name.endswith('.file') and value:

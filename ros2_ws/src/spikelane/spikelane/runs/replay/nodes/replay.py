@@ -107,7 +107,7 @@ class ReplayNode(Node):
         self._pending: dict[int, list[int]] = {}  # indices of answers awaited, by stamp [ns]
         self._lane_message, self._packet_message = LaneState(), EventPacket()
         self._lane_message.header.frame_id = conversions.WORLD_FRAME
-        self._packet_message.header.frame_id = conversions.CAMERA_FRAME
+        self._packet_message.header.frame_id = messages.CAMERA_FRAME
         self.create_subscription(WheelVelocities, topic_names.WHEELS, self._on_wheels, _KEPT)
         self._lanes = self.create_publisher(LaneState, topic_names.LANE_STATE, _KEPT)
         self._joint_message = JointState(name=list(messages.WHEEL_JOINTS))
