@@ -51,7 +51,7 @@ SUFFIXES = ('.svg', '.png')
 
 _PNG_DPI = 200
 _TITLE_IN = 0.18  # of the title's middle, below the figure's top
-_MARGIN = 0.012  # beside the title, of the figure's width
+_MARGIN = 0.012  # left and right of the title, as a share of the figure's width
 
 _SETTINGS: dict[str, Any] = {
     'font.family': 'DejaVu Sans',  # comes with matplotlib, so that it is the same everywhere

@@ -32,6 +32,6 @@ def test_no_object_sets_fields_before_its_base_is_made(path: Path) -> None:
 
 
 def test_such_a_field_is_found() -> None:
-    """In the place of a class of ours."""
+    """The search is run on an example."""
     text = 'class A(B):\n    def __init__(self):\n        self.x = 1\n        super().__init__()\n'
     assert list(fields_set_too_early(text)) == ['self.x = 1']

@@ -43,7 +43,7 @@ def test_a_folder_that_mirrors_nothing_is_found(tmp_path: Path) -> None:
 
 
 def test_at_the_top_are_only_rules_for_the_whole_repository() -> None:
-    """A test of one module belongs into the folder of its package."""
+    """A test of one module belongs in the folder of its package."""
     top = {file.name for kind in KINDS for file in (ROOT / 'tests' / kind).glob('test_*.py')}
     assert top == {
         'test_citation.py',

@@ -34,7 +34,7 @@ def internals(source: str) -> Iterator[str]:
 
 
 def test_the_search_finds_what_it_looks_for() -> None:
-    """In the one module that may use them, of each kind."""
+    """It finds each kind of use in the one module that may have them."""
     found = set(internals((ROOT / ONLY).read_text('utf-8')))
     assert {
         'subscription.handle',

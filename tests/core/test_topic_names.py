@@ -44,7 +44,7 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
 
 @pytest.mark.parametrize('path', MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_other_module_writes_the_name_of_a_topic(path: Path) -> None:
-    """As a text of its own; help and docstrings may speak of topics."""
+    """No text consists of such a name alone; help and docstrings may mention topics."""
     written = {
         node.value
         for node in ast.walk(ast.parse(path.read_text('utf-8')))

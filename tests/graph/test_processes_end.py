@@ -192,7 +192,7 @@ def test_a_second_publisher_ends_a_lap(
 
 
 def test_a_simulator_that_ends_while_it_is_reset_is_named(tmp_path: Path) -> None:
-    """Not the request that it could not fulfil: the controller has not joined yet."""
+    """It is named instead of the request that it could not fulfil without a controller."""
     command = Command(tmp_path)
     log = tmp_path / 'lap' / 'logs' / 'simulator.log'
     try:

@@ -71,7 +71,7 @@ def test_the_experiment_is_listed(tmp_path: Path) -> None:
 
 
 def test_a_drive_is_replayed(tmp_path: Path) -> None:
-    """What drove agrees wholly, another controller does not; the folder is as described."""
+    """The controller that drove agrees fully, another one does not; the folder is as described."""
     _, same, other = follow(BLOCKS[3], tmp_path).values()
     assert re.search(r'^agreement +100\.0000%, 20[01] of 20[01] answers$', same, re.M)
     assert json.loads(other)['agreement'] < 1.0
@@ -89,5 +89,5 @@ def test_the_programs_run(program: str, tmp_path: Path) -> None:
 
 
 def test_there_are_commands_and_programs() -> None:
-    """So that the tests above are about something."""
+    """Otherwise the tests above would check nothing."""
     assert (len(BLOCKS), len(PYTHON)) == (4, 2)

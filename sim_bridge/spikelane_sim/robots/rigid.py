@@ -4,7 +4,7 @@ On a level floor, with a caster that has no friction and wheels that hold, the r
 `bullet_drive.py` has two velocities left: v, forward, of the middle of the axle, and the turning
 rate w. Bullet's solver finds them, in every step of the physics, by iterating over some twenty
 unknown impulses; here they are written down. Both take the same steps in time, since an exact
-integration would lie up to 0.4 % beside Bullet's (one wheel at 12.3 rad/s, the other standing).
+integration would differ by up to 0.4 % from Bullet's (one wheel at 12.3 rad/s, the other at rest).
 
 Symbols: h step of the physics; r radius of the wheels; b distance between them; m mass of all
 parts; c place of its centre ahead of the axle; I inertia of all parts about the vertical through

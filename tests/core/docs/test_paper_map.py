@@ -78,7 +78,7 @@ def specs(trained: str = 'rstdp') -> dict[str, ParameterSpec]:
 
 
 def test_the_map_is_found() -> None:
-    """So that the tests below are about something."""
+    """Otherwise the tests below would check nothing."""
     assert (len(PARAMETERS), len(CONSTANTS), len(QUANTITIES)) == (92, 2, 22)
 
 
@@ -132,7 +132,7 @@ def test_every_value_from_the_papers_tables_is_in_the_map() -> None:
 
 
 def test_every_value_from_the_papers_table_of_the_dqn_snn_is_in_the_map() -> None:
-    """Of its training and of its neurons."""
+    """This includes its training and its neurons."""
     mapped = {row.name for row in ROWS}
     wanted = {name for name, spec in specs().items() if 'DQN-SNN parameters' in spec.source}
     assert wanted <= mapped

@@ -84,7 +84,7 @@ def test_what_a_package_imports_is_what_its_manifest_names(package: str) -> None
 
 @pytest.mark.parametrize('name', [*KEYS.values(), 'torch', 'nir', 'ray', 'mcap', 'safetensors'])
 def test_a_key_is_named_by_one_package_at_least(name: str) -> None:
-    """So that the test above cannot have compared nothing."""
+    """Otherwise the test above could have compared nothing."""
     assert any(name in depended_on(each) | by_pip(each) for each in PYTHON_PACKAGES)
 
 

@@ -136,7 +136,7 @@ def test_tests_bring_a_browser_where_there_is_none(machine: Machine) -> None:
 def test_another_python_that_is_asked_for_is_obeyed(
     machine: Machine, bootstrap: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Even one of the same version; the environment's own Python is no other."""
+    """It may have the same version; the environment's own Python does not count as another."""
     machine.calls_of('run')
     monkeypatch.setenv('PYTHON', sys.executable)
     assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
@@ -391,7 +391,7 @@ def test_the_environment_is_the_same_when_sourced_twice(tree: Path) -> None:
 
 @pytest.mark.parametrize('own', ['', '/elsewhere'])
 def test_bytecode_is_kept_within_the_environment(tree: Path, own: str) -> None:
-    """Nothing is written beside the sources of somebody who does not want it there."""
+    """No bytecode is written next to the sources."""
     (tree / '.venv/share/rclpy').mkdir(parents=True)
     variables = {'PATH': '/usr/bin:/bin', 'PYTHONDONTWRITEBYTECODE': '1'}
     if own:
@@ -419,7 +419,7 @@ def test_bytecode_is_kept_within_the_environment(tree: Path, own: str) -> None:
     ],
 )
 def test_a_command_sets_up_what_it_needs(tmp_path: Path, words: str, purposes: list[str]) -> None:
-    """Rerun is large: who does not use it does not wait for it."""
+    """Rerun is large, so that only users of `spikelane view` wait for it."""
     command = shutil.copy(ROOT / 'spikelane', tmp_path)
     (tmp_path / 'setup').mkdir()
     asked = tmp_path / 'asked'

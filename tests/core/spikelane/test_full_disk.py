@@ -160,7 +160,7 @@ def test_a_command_begins_nothing_where_there_is_no_space_at_all(
 def test_a_figure_that_does_not_fit_is_named(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where all other files do; a report says what else it lacks."""
+    """All other files fit; a report says what else is missing."""
     disk = tmp_path / 'disk'
     arguments = command(name, tmp_path, disk)
     with limited_disk(disk, 65_536) as cause:
@@ -213,7 +213,7 @@ def test_a_log_for_tensorboard_that_does_not_fit_is_named(tmp_path: Path) -> Non
 
 
 def test_what_cannot_be_added_to_a_file_leaves_it_as_it_was(tmp_path: Path) -> None:
-    """Though a part of it would have had space."""
+    """This holds even if a part of the addition would have fitted."""
     with limited_disk(tmp_path / 'disk', 8192) as cause:
         file = tmp_path / 'disk/log.jsonl'
         append_bytes(file, b'first\n')
@@ -248,7 +248,7 @@ def test_an_error_of_writing_ends_a_command_with_status_1() -> None:
 
 
 def test_the_readers_here_refuse_half_a_file(tmp_path: Path) -> None:
-    """Or nothing above could fail."""
+    """Otherwise no test above could fail."""
     (tmp_path / 'a.json').write_text(json.dumps({'a': 1})[:-1])
     with pytest.raises(ValueError, match='not JSON'):
         check_whole(tmp_path / 'a.json')

@@ -76,7 +76,7 @@ def test_the_gentle_signal_comes_first_and_has_the_most_time() -> None:
 
 @pytest.mark.usefixtures('_impatient')
 def test_a_child_gets_the_next_signal_where_it_is_deaf_to_one(tmp_path: Path) -> None:
-    """All children at once: four deaf ones take no longer than one."""
+    """All children get it at once: four that ignore signals take no longer than one."""
     with Processes() as children:
         start_sleepers(
             children,
@@ -166,7 +166,7 @@ def test_the_signal_that_ended_a_child_is_named(tmp_path: Path, ends: str, expec
 
 
 def test_all_that_ended_with_an_error_are_named_but_those_told_to(tmp_path: Path) -> None:
-    """A child may say that it was cut short by whoever asks."""
+    """A child that is told to end may report that it was cut short."""
     obedient = SLEEPER.replace('signal.SIG_IGN', 'lambda number, frame: sys.exit(128 + number)')
     with Processes() as children:
         start(children, 'told', tmp_path / 'told', obedient, 'SIGINT')

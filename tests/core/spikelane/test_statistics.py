@@ -18,7 +18,7 @@ from spikelane.statistics import (
 
 
 def test_a_mean_has_student_s_interval() -> None:
-    """Of 1, 2, 3, 6: s^2 = 14 / 3, and t(0.975, 3) = 3.182446."""
+    """For 1, 2, 3 and 6, s^2 = 14 / 3 and t(0.975, 3) = 3.182446."""
     half = 3.182446 * (14 / 3) ** 0.5 / 2
     assert mean_statistics([6.0, 1.0, 3.0, 2.0]) == {
         'n': 4,
@@ -61,7 +61,7 @@ def test_equal_values_have_an_interval_of_no_width() -> None:
     [(8, 0.490162, 0.943318), (10, 0.722467, 1.0), (0, 0.0, 0.277533)],
 )
 def test_a_share_has_wilson_s_interval(successes: int, low: float, high: float) -> None:
-    """Of ten: (p + z^2/2n -+ z sqrt(p q / n + z^2/4n^2)) / (1 + z^2/n) with z = 1.959964."""
+    """For n = 10 it is (p + z^2/2n -+ z sqrt(p q / n + z^2/4n^2)) / (1 + z^2/n), z = 1.959964."""
     assert share_statistics(successes, 10) == {
         'n': 10,
         'successes': successes,
@@ -122,7 +122,7 @@ def test_medians_of_censored_times_are_kaplan_and_meiers() -> None:
 
 
 def test_times_not_reached_are_neither_dropped_nor_counted_as_reached() -> None:
-    """Dropped, the median were 3; counted, 3.5: of the two that never came it is not known."""
+    """Dropping them would give a median of 3, counting them 3.5; the times of two are unknown."""
     statistics = time_statistics([1, 2, 3, 4, 5, 3.5, 2.5], [True] * 5 + [False, False])
     # Surviving: 6/7, 5/7, (after 2.5 four of five) 15/28, and 5/14 after 4.
     assert statistics is not None
@@ -135,7 +135,7 @@ def test_times_not_reached_are_neither_dropped_nor_counted_as_reached() -> None:
 
 
 def test_a_median_of_six_or_more_has_an_interval() -> None:
-    """Of 1 to 20 that of the bootstrap's order statistics, 95 %: from about 6 to about 15."""
+    """For 1 to 20 the 95 % interval by the bootstrap's order statistics is about 6 to 15."""
     statistics = time_statistics(list(range(1, 21)), [True] * 20)
     assert statistics is not None
     assert statistics['median'] == 10.5

@@ -85,7 +85,7 @@ def test_a_sensor_cropped_away_is_refused() -> None:
 
 
 def test_the_state_image_has_sixteen_rows_of_32_and_begins_empty() -> None:
-    """Of cells of 4 x 4 pixels; 10 rows of cells are cropped at the top, 6 at the bottom."""
+    """Cells have 4 x 4 pixels; 10 rows of cells are cropped at the top, 6 at the bottom."""
     image = StateImage()
     assert image.counts.shape == (16, 32)
     assert not image.binary.any()

@@ -63,7 +63,7 @@ def test_gymnasium_finds_no_fault(observation: str, actions: str) -> None:
 
 @pytest.mark.parametrize('observation', ['state_image', 'spike_counts'])
 def test_stable_baselines_finds_no_fault(observation: str) -> None:
-    """But for its advice to flatten: these are small images without channels, not vectors."""
+    """Its advice to flatten is ignored: these are small images without channels, not vectors."""
     stable_baselines = pytest.importorskip('stable_baselines3.common.env_checker')
     made = make_env(observation=observation, render_mode='rgb_array')
     with warnings.catch_warnings():

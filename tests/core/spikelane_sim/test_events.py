@@ -24,5 +24,5 @@ def test_columns_of_other_lengths_are_refused() -> None:
 
 
 def test_no_events_are_an_empty_array_of_events() -> None:
-    """Of one axis."""
+    """The array has one axis."""
     assert (no_events().shape, no_events().dtype) == ((0,), EVENT_DTYPE)

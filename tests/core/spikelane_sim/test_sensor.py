@@ -77,7 +77,7 @@ def test_a_packet_may_span_many_steps() -> None:
     steps = sensor.add(packet(MS, 0, [n * 20 * MS for n in range(11)]))
     assert [step.stamp_ns // MS for step in steps] == [51, 101, 151, 201]
     assert sensor.on == 11
-    # Of the one pixel's three, two, three, two events one is left.
+    # The pixel fires three, two, three and two times; one event of each step is left.
     assert [len(step.events) for step in steps] == [1, 1, 1, 1]
     assert sensor.events_in_steps == 4
 
@@ -333,7 +333,7 @@ def test_a_damaged_time_word_restarts_nothing(bit: int) -> None:
 
 
 def test_a_still_scene_gives_empty_steps() -> None:
-    """Of 119 steps 80 have no event, one after the other."""
+    """80 of 119 steps, in a row, have no event."""
     empty = [len(step.events) == 0 for step in of_bag('time_words')[1]]
     assert sum(empty) == 80 - 1
     assert empty.index(True) == 20

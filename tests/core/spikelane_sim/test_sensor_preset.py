@@ -12,7 +12,7 @@ from spikelane_sim.simulator_parameters import SimulatorParameters
 
 
 def test_the_presets_are_those_of_the_cameras() -> None:
-    """With their own sizes; what each value is from is told."""
+    """They have the cameras' sizes, and name the source of each value."""
     sizes = {}
     for name in preset_names():
         preset = load_preset(name)
@@ -32,7 +32,7 @@ def test_the_presets_are_those_of_the_cameras() -> None:
 
 
 def test_v2es_presets_have_its_values() -> None:
-    """Of set_dvs_params; its bandwidth is a remark, since there is none here."""
+    """They come from set_dvs_params; its bandwidth is only a remark, as it is not simulated."""
     noisy = load_preset('v2e_noisy')
     esim = SimulatorParameters.from_mapping(preset_parameters(noisy)).pixels.esim
     assert (esim.threshold_on, esim.threshold_off, esim.threshold_spread) == (0.2, 0.2, 0.05)

@@ -324,7 +324,7 @@ def test_nothing_is_published_until_all_hear_it(stepper: Stepper, world: World) 
 
 
 def test_who_waits_for_an_episode_that_never_shows_is_told(stepper: Stepper, world: World) -> None:
-    """Of none, when another begins or all stops; a wrong reset replaces nothing."""
+    """It gets None if another episode begins or all stops; a wrong reset replaces nothing."""
     world.has_subscribers = False
     told: dict[str, list[Observation | None]] = {'first': [], 'second': [], 'third': []}
     stepper.begin('inner', on_published=told['first'].append)

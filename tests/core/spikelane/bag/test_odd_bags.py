@@ -324,7 +324,7 @@ def test_deep_nesting_inside_an_mcap_file_is_damage(tmp_path: Path) -> None:
 def test_names_that_are_no_utf_8_are_no_obstacle(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of files beside a bag; a path of that kind is refused in one line."""
+    """Files next to a bag may have such names; a path of a bag with one is refused in one line."""
     bag = tmp_path / 'bag'
     shutil.copytree(ODD / '32_filtered_copy_beside', bag)
     Path(bag / 'filtered.mcap').rename(bag / b'\xff.mcap'.decode(errors='surrogateescape'))

@@ -75,7 +75,7 @@ def test_simulation_time_stamps_what_follows_a_clock_message(writer: BagWriter) 
 
 
 def test_a_clock_that_is_not_recorded_still_stamps(writer: BagWriter) -> None:
-    """Where /clock is not among the wanted topics."""
+    """/clock need not be among the topics to record."""
     recording = Recording(writer, use_sim_time=True)
     recording.follow_clock(NOT_RECORDED)
     recording.write([(1, NOT_RECORDED, 0, 1, clock(2.0)), (2, 3, 5, 1, b'')])
@@ -92,7 +92,7 @@ def test_without_any_clock_the_time_of_reception_remains(writer: BagWriter) -> N
 
 
 def test_when_time_goes_back_latched_messages_are_repeated(writer: BagWriter) -> None:
-    """One who plays the bag from the new episode on gets them too."""
+    """A player that starts at the new episode also gets them."""
     recording = Recording(writer)
     recording.follow_clock(1)
     recording.write([(1, 2, 1, 1, b'map'), (2, 1, 2, 1, clock(9.0)), (3, 1, 3, 2, clock(0.05))])

@@ -179,7 +179,7 @@ def test_damage_in_a_summary_is_repaired(tmp_path: Path, name: bytes) -> None:
 
 
 def test_qos_that_is_not_that_of_the_file_is_repaired(tmp_path: Path) -> None:
-    """Without, rosbags silently leaves out the topic's messages."""
+    """Without this repair rosbags silently leaves out the topic's messages."""
     bag = killed_bag(tmp_path / 'bag')
     repair_bag(bag)
     file = bag / 'metadata.yaml'
@@ -332,7 +332,7 @@ def test_replay_of_a_cut_bag_names_the_command(tmp_path: Path) -> None:
 
 
 def test_a_damaged_repetition_of_a_channel_costs_no_message(tmp_path: Path) -> None:
-    """Its QoS in the summary is not that in the chunk; rosbags leaves out a topic of two minds."""
+    """Its QoS in the summary differs from that in the chunk; rosbags leaves such a topic out."""
     bag = Path(shutil.copytree(DATA / 'bag_none', tmp_path / 'bag'))
     (file,) = bag.glob('*.mcap')
     before, damaged, after = file.read_bytes().rpartition(b'durability: volatile')

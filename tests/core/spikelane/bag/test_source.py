@@ -26,7 +26,7 @@ def test_definitions_are_those_of_the_message_files(name: str) -> None:
 
 
 def test_a_bags_own_definition_wins(drives, tmp_path: Path) -> None:
-    """Of a type that had another field then."""
+    """The recorded type had a different field at that time."""
     kind = 'spikelane_msgs/msg/WheelVelocities'
     data = bytes(
         drives.types.serialize_cdr(

@@ -125,7 +125,7 @@ def test_all_that_the_paper_has_is_done(name: str) -> None:
 
 
 def test_trainings_are_as_long_as_what_they_are_to_show() -> None:
-    """As the aims for the steps to a solved task have it."""
+    """They are as long as the aims for the steps to a solved task require."""
     runs = [run for run in plan_of('paper').runs if run.task == 'train']
     steps = {
         (run.point.controller, run.point.scenario, run.labels['variants']): steps_of(run)
@@ -147,7 +147,7 @@ def test_trainings_are_as_long_as_what_they_are_to_show() -> None:
 
 
 def test_the_paper_s_settings_are_the_default_ones() -> None:
-    """But for how many states are gathered, where the paper gives no number."""
+    """The exception is the number of states gathered, which the paper does not give."""
     runs = {run.name: run for run in plan_of('paper').runs}
     transfer = runs['transfer-dqn_snn-2-paper-seed1'].identity['configuration']
     assert (transfer['transfer']['steps'], transfer['transfer']['batch_size']) == (10_000, 50)
@@ -162,7 +162,7 @@ def test_the_paper_s_settings_are_the_default_ones() -> None:
 
 
 def test_a_look_says_that_it_is_one() -> None:
-    """On the page, by the experiment's description; with other seeds, too."""
+    """The experiment's description on the page says so, also with other seeds."""
     record = read_experiment(ROOT / 'experiments/paper_quick.yaml')
     assert record.description.startswith('A look only, not the reproduction: the outer lane')
     assert _note(record).endswith(' exploration that falls sooner. Robot: kinematic.')

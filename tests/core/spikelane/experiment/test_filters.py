@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[4]
 
 
 def test_the_experiment_on_filters_has_each_rate_with_each_filter() -> None:
-    """Four filters and none for either camera, but for one that the paper's camera has not."""
+    """Each camera has four filters and none, except one that the paper's camera lacks."""
     plan = make_plan(read_experiment(ROOT / 'experiments/filters.yaml'))
     found: dict[tuple[str, str], list[float]] = {}
     for run in plan.runs:

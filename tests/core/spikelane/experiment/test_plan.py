@@ -134,7 +134,7 @@ def test_a_training_of_another_block_is_found_by_what_it_is(tmp_path: Path) -> N
 
 
 def test_two_trainings_that_could_be_meant_are_refused(tmp_path: Path) -> None:
-    """They differ in nothing that the evaluation could name."""
+    """The evaluation has no name that would tell them apart."""
     text = TWO_BLOCKS + TWO_BLOCKS.replace('100', '200')
     with pytest.raises(ExperimentError, match=r'plan\.yaml:\d+: evaluate of rstdp: expected one'):
         plan_of(
@@ -144,7 +144,7 @@ def test_two_trainings_that_could_be_meant_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_same_run_is_there_once(tmp_path: Path) -> None:
-    """However often, and under whatever names, a file has it; others of a name get a number."""
+    """A file may repeat it under any names; different runs of one name get a number."""
     plan = plan_of(
         tmp_path,
         """
@@ -185,7 +185,7 @@ TRANSFERS = """
 
 
 def test_a_transfer_comes_between_the_q_network_and_the_laps(tmp_path: Path) -> None:
-    """Of the same place; what concerns the transfer alone makes no other training."""
+    """All three have the same combination; parameters of the transfer do not add a training."""
     plan = plan_of(tmp_path, TRANSFERS)
     train, transfer = 'train-dqn-1-kinematic-usual-seed4', 'transfer-dqn_snn-1-kinematic'
     assert lines(plan.runs) == [
@@ -207,7 +207,7 @@ def test_a_transfer_comes_between_the_q_network_and_the_laps(tmp_path: Path) -> 
 
 
 def test_another_training_makes_another_transfer(tmp_path: Path) -> None:
-    """And other laps after it, though all they say of themselves is the same."""
+    """It also makes other laps, although their own configuration is the same."""
     keys = [
         {run.name: run.key for run in plan_of(tmp_path, text).runs}
         for text in (TRANSFERS, TRANSFERS.replace('steps: 100', 'steps: 101'))
@@ -298,7 +298,7 @@ def test_runs_are_found_by_their_configuration(tmp_path: Path) -> None:
 
 
 def test_other_content_under_the_same_name_is_another_run(tmp_path: Path) -> None:
-    """Of a course file, and of weights that no run of the experiment has learnt."""
+    """This holds for course files, and for weights that no run of the experiment has learnt."""
     course = tmp_path / 'mine.yaml'
     weights = tmp_path / 'weights'
     weights.mkdir()

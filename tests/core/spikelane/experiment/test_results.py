@@ -39,7 +39,7 @@ def groups(folder: Path, matrix: str, laps: dict[int, list[dict[str, Any]]]) -> 
 
 
 def test_runs_that_differ_in_more_than_the_seed_are_not_laid_together(tmp_path: Path) -> None:
-    """Such as the length of a training, which no axis names."""
+    """An example is the length of a training, which is not an axis."""
     found = groups(
         tmp_path,
         """
@@ -55,7 +55,7 @@ def test_runs_that_differ_in_more_than_the_seed_are_not_laid_together(tmp_path: 
 
 
 def test_the_same_lap_counts_once(tmp_path: Path) -> None:
-    """Of several evaluations without a training, whose seeds overlap."""
+    """Several evaluations without a training may have overlapping seeds."""
     found = groups(
         tmp_path,
         """

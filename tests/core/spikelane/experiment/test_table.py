@@ -42,7 +42,7 @@ def text_of(runner: Runner) -> str:
 
 
 def test_the_table_tells_what_runs_how_fast_and_how_long_it_will_take(runner: Runner) -> None:
-    """Of who has said nothing yet, nothing is known."""
+    """Speed and time left are unknown for a run that has not reported yet."""
     lines = text_of(runner).splitlines()
     assert lines[0].split() == ['running', 'done', 'steps/s', 'left']
     assert lines[1].split()[0] == 'train-rstdp-1-seed2'
@@ -66,7 +66,7 @@ def test_the_time_left_counts_runs_like_those_that_are_done(runner: Runner) -> N
 
 
 def test_runs_of_another_controller_tell_nothing(tmp_path: Path, runner: Runner) -> None:
-    """Theirs can be many times as long."""
+    """Their runs can take many times as long."""
     file = tmp_path / 'both.yaml'
     file.write_text(f'name: both\nmatrix: {MATRIX.replace("[rstdp]", "[rstdp, dqn]")}')
     both = Runner(make_plan(read_experiment(file)), tmp_path / 'out', 0)

@@ -90,7 +90,7 @@ def test_filters_are_a_setting(tmp_path: Path) -> None:
 
 
 def test_how_episodes_end_is_told_against_what_is_usual(tmp_path: Path) -> None:
-    """Which in a training is another distance, and in a transfer another number of steps."""
+    """The usual distance differs in a training, the usual number of steps in a transfer."""
     weights = write_training(
         tmp_path / 'a',
         0,
@@ -146,7 +146,7 @@ def test_a_transfers_training_is_part_of_its_setting(tmp_path: Path) -> None:
 
 
 def test_transfers_with_other_states_are_not_laid_together(tmp_path: Path) -> None:
-    """Those met in the training are most of them."""
+    """Most states were met in the training."""
     for name, is_used in (('with', True), ('without', False)):
         write_transfer(tmp_path / name, 'scenario_1', from_training=is_used)
     assert [run.setting for run in collect([tmp_path]).transfers] == ['', 'from_training False']
@@ -242,7 +242,7 @@ def test_a_dqn_training_is_solved_by_three_full_episodes(tmp_path: Path) -> None
 
 
 def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
-    """Unfinished, damaged and failed runs; those beside them are used."""
+    """These are unfinished, damaged and failed runs; all other runs are used."""
     write_lap(tmp_path / 'a')
     (write_lap(tmp_path / 'b') / 'metrics.json').unlink()
     (write_lap(tmp_path / 'c') / 'config.yaml').write_text('[')
@@ -280,7 +280,7 @@ def test_what_cannot_be_used_is_named(tmp_path: Path) -> None:
 
 
 def test_runs_whose_places_others_took_are_left_out(tmp_path: Path) -> None:
-    """A run that results do not name yet, and a lap somebody put beside them, count."""
+    """A run that the results do not name yet counts, and so does a lap that somebody added."""
     names = {'a': 'a', 'a-2': 'a', 'b': 'b', 'b-2': 'b', 'new': 'new', 'own': None}
     for seed, (folder, name) in enumerate(names.items()):
         write_lap(tmp_path / folder, seed=seed)

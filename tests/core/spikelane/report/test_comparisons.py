@@ -83,7 +83,7 @@ def test_captions_name_the_seeds_that_are_shown_and_that_are_not(tmp_path: Path)
 
 
 def test_settings_and_courses_without_room_are_named(tmp_path: Path) -> None:
-    """Three figures of four for a scenario and lane; three courses beside the paper's."""
+    """Three of four figures are drawn for each scenario and lane, and three further courses."""
     laps = [lap('rstdp', setting=f'c_r {number}') for number in range(11)]
     laps += [lap('rstdp', scenario=scenario) for scenario in ('a', 'b', 'c', 'd')]
     laps.append(lap('rstdp', scenario='random courses'))

@@ -50,7 +50,7 @@ def write_lap(folder: Path, seed: int, **others: Any) -> Path:
 def test_a_lap_with_a_value_of_a_wrong_kind_is_left_out(
     tmp_path: Path, name: str, value: Any, expected: str
 ) -> None:
-    """The lap beside it is used."""
+    """The other lap is used."""
     good = write_lap(tmp_path / 'a', 1)
     bad = write_lap(tmp_path / 'b', 2, **{name: value})
     found = collect([tmp_path])

@@ -44,7 +44,7 @@ def test_what_is_short_is_its_own_name() -> None:
 
 
 def test_weights_of_another_length_are_another_setting() -> None:
-    """Told only where lengths differ: what is usual depends on the scenario."""
+    """The length is named only if lengths differ, as the default depends on the scenario."""
     short, long = (
         dataclasses.replace(lap('rstdp', 'c_r 0.03'), learnt_steps=steps)
         for steps in (300, 30_000)
@@ -85,7 +85,7 @@ def test_a_controllers_settings_are_numbered() -> None:
 
 
 def test_an_experiments_variant_is_the_name() -> None:
-    """Of the laps in its evaluation too; where two differ, the second is numbered."""
+    """It also names an evaluation's laps; if two settings share it, the second is numbered."""
     laps = [
         lap('rstdp', LONG, 'runs/x/evaluate-1/laps/1-outer-100'),
         lap('rstdp', OTHER, 'runs/x/evaluate-2/laps/1-outer-100'),

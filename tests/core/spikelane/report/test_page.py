@@ -185,7 +185,7 @@ def test_every_figure_is_drawn_and_what_is_missing_named(report: dict[str, Any])
 
 
 def test_each_row_has_its_command(report: dict[str, Any]) -> None:
-    """Of an evaluation one for all its laps; on the page as in the JSON."""
+    """An evaluation has one command for all its laps, on the page and in the JSON."""
     groups = {each['what'].partition(':')[0]: each['lines'] for each in report['commands']}
     [lap], runs = groups['Laps'], report['folder']
     assert lap == (

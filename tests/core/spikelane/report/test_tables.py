@@ -122,7 +122,7 @@ def test_results_stand_beside_the_papers() -> None:
 
 
 def test_the_other_lane_is_not_compared_with_the_paper() -> None:
-    """Which has the outer lane alone."""
+    """The paper has results for the outer lane only."""
     runs = Runs(laps=[lap(0, 0.03, lane='inner')])
     assert [each.title for each in all_tables(runs)] == [
         'Success with learning off',
@@ -147,7 +147,7 @@ def test_the_other_lane_is_not_compared_with_the_paper() -> None:
 
 
 def test_a_group_without_a_completed_lap_has_no_error() -> None:
-    """Rather than that of the stretch before the lane was lost."""
+    """The error of the stretch before the lane was lost does not count."""
     runs = Runs(laps=[lap(0, 0.3, completed=False)])
     assert [row[5] for row in table(runs, "Results against the paper's").rows] == ['none'] * 2
     [row] = table(runs, 'Laps').rows
@@ -198,7 +198,7 @@ def test_laps_of_one_training_are_one_draw() -> None:
 
 
 def test_seeds_that_gave_the_same_drive_are_one_draw() -> None:
-    """As those of a greedy policy without noise do."""
+    """A greedy policy without noise gives such drives."""
     same = lap(0, 0.03)
     laps = [same, *(dataclasses.replace(same, seed=seed) for seed in (1, 2))]
     [row] = table(Runs(laps=laps), 'Laps').rows
@@ -276,7 +276,7 @@ def counted(controller: str, **operations: int) -> Lap:
 
 
 def test_operations_are_counted_for_a_decision_and_a_second() -> None:
-    """Of two laps, 10 s; a lap that they were not counted of is left out."""
+    """The two laps last 10 s; a lap without counts is left out."""
     spiking = counted('rstdp', decisions=100, synaptic=500)
     deep = counted(
         'dqn',
@@ -336,7 +336,7 @@ def test_a_lap_that_strays_farther_than_trainings_may_is_not_kept() -> None:
 
 
 def test_aims_are_told_from_the_whole_interval(training: Train, transfer: Transfer) -> None:
-    """Of the card; a median of fewer than six has none, and 0.94 ± 0.0014 meets 93.1 %."""
+    """The aims are on the card; a median needs six values, and 0.94 ± 0.0014 meets 93.1 %."""
     trainings = [training(seed, 8000 + seed, True) for seed in range(6)]
     transfers = [transfer(seed, 0.94 + seed * 0.001) for seed in range(3)]
     rows = table(Runs(trainings=trainings, transfers=transfers), 'Aims').rows

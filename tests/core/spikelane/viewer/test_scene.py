@@ -116,7 +116,7 @@ def test_numbers_are_shown_over_simulation_time(shown: Shown) -> None:
 
 
 def test_weights_are_a_picture(shown: Shown) -> None:
-    """Of two neurons' 4 by 8 cells and the gap between them."""
+    """It has the 4 by 8 cells of both neurons and the gap between them."""
     shown.scene.show_weights(STEP_NS, 'weights', np.arange(64.0).reshape(2, 32))
     [[image]] = shown.read('/controller/weights/weights', 'Image:format').values()
     assert (image['width'], image['height']) == (17, 4)

@@ -73,7 +73,7 @@ def test_without_rerun_it_is_told_how_to_get_it(monkeypatch: pytest.MonkeyPatch)
 def test_a_program_that_cannot_be_started_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """As where it is of another kind of machine, or not there."""
+    """It may be built for another kind of machine, or be missing."""
     package = ModuleType('rerun_cli')
     package.__file__ = str(tmp_path / '__init__.py')
     monkeypatch.setitem(sys.modules, 'rerun_cli', package)

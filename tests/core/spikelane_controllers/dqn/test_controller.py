@@ -178,7 +178,7 @@ def test_the_state_of_another_controller_is_refused(changes: dict[str, Any], mes
 
 
 def test_weights_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
-    """Of another size, with NaN, of another controller, or none at all."""
+    """They have another size or NaN, belong to another controller, or are missing."""
     file = tmp_path / 'checkpoint.safetensors'
     arrays = {f'controller.network.{k}': v for k, v in dqn_of().network._asdict().items()}
 
@@ -201,7 +201,7 @@ def test_weights_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_average_of_the_network_that_learnt_can_drive(tmp_path: Path) -> None:
-    """That which its targets came from, where the checkpoint has it."""
+    """It is the target network, if the checkpoint has it."""
     learnt, average = (dqn_of().network._asdict() for _ in range(2))
     average = {name: values + np.float32(1) for name, values in average.items()}
     file = tmp_path / 'checkpoint.safetensors'

@@ -48,7 +48,7 @@ def test_values_are_those_computed_by_hand(state: list[int], values: list[float]
 
 
 def test_values_are_those_of_torch() -> None:
-    """Of the paper's size, for many states at once; one at a time gives the same bits."""
+    """The network has the paper's size; many states at once give the bits of one at a time."""
     rng = np.random.default_rng(1)
     network = initial_network(rng, 512, 3, QNetworkParameters())
     states = (rng.random((50, 512)) < 0.05).astype(np.uint8)

@@ -212,7 +212,7 @@ def test_rates_of_a_whole_network_converge_when_nothing_is_lost() -> None:
 
 
 def test_sums_are_exact_in_any_order() -> None:
-    """Of normalised weights: the same bits, whatever the order of the inputs."""
+    """Normalised weights give the same bits, whatever the order of the inputs."""
     rng = np.random.default_rng(6)
     net = drawn_network(rng, 512, 40)
     inputs = spikes(*((0, source) for source in range(512)))

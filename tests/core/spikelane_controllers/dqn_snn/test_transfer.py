@@ -109,7 +109,7 @@ def test_a_gain_is_taken_over_by_the_first_weights() -> None:
 
 
 def test_class_shares() -> None:
-    """Of all actions, met or not."""
+    """Every action has a share, whether it occurred or not."""
     assert class_shares(np.array([0, 0, 0, 2]), 4) == [0.75, 0.0, 0.25, 0.0]
 
 

@@ -124,7 +124,7 @@ def test_dopamine_is_the_reward_and_traces_have_their_signs() -> None:
 
 
 def test_potentials_are_those_between_shorter_windows() -> None:
-    """Of learning and of static synapses, run millisecond by millisecond."""
+    """Networks with learning and with static synapses are run millisecond by millisecond."""
     inputs = poisson_spikes(np.full(4, 300.0), np.random.default_rng(1))
     weights_pa = np.linspace(400.0, 900.0, 8).reshape(2, 4)
     delays, constants = DelayParameters(), neuron_constants(NeuronParameters())

@@ -37,7 +37,7 @@ def noisy_episode(pixels: PixelModel, seed: int, height: int, width: int) -> lis
 
 @pytest.mark.parametrize('name', MODELS)
 def test_brighter_is_on_and_darker_is_off(name: str) -> None:
-    """Of two pixels, the one that brightens says +1, the one that darkens -1."""
+    """The pixel that brightens reports +1, the one that darkens -1."""
     pixels = model(name, 2, 1, substeps=1, leak_rate_hz=0.0)
     pixels.step(np.float32([[[0.5, 0.5]]]), 0, STEP_NS)
     events = pixels.step(np.float32([[[0.65, 0.38]]]), STEP_NS, 2 * STEP_NS)

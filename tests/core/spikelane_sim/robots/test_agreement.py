@@ -85,7 +85,7 @@ def test_laps_take_the_same_time(lane: str) -> None:
 
 @pytest.mark.parametrize('lane', ['outer', 'inner'])
 def test_the_rigid_body_laps_as_physics_does(lane: str) -> None:
-    """As many steps but one, and the same mean error to 0.01 mm."""
+    """The numbers of steps differ by one at most, the mean errors by less than 0.01 mm."""
     steps, error = drive_lap(make_robot(RobotParameters()), lane)
     rigid_steps, rigid_error = drive_lap(make_robot(RobotParameters(engine='rigid')), lane)
     assert 4000 < steps < 6000

@@ -47,7 +47,7 @@ def test_the_body_does_not_shake_while_driving() -> None:
 
 
 def test_the_drive_s_torque_is_limited() -> None:
-    """From rest it accelerates as Newton has it for 9 kg and four turning masses.
+    """From rest it accelerates as Newton's law says for 9 kg and four rotating masses.
 
     Both wheels push with 1 N m / 0.0975 m; each wheel and its rotor (0.002377 + 0.01 kg m^2)
     resists like I / r^2 kilograms.
@@ -113,7 +113,7 @@ def test_a_reset_leaves_nothing_of_the_past() -> None:
 
 
 def test_looking_more_often_changes_nothing() -> None:
-    """Of ten poses a step every tenth is the only one, but for rounding."""
+    """With ten poses a step, every tenth equals the only pose, except for rounding."""
     one, ten = BulletDrive(RobotParameters(), 1), BulletDrive(RobotParameters(), 10)
     np.testing.assert_allclose(wander(ten)[9::10], wander(one), atol=1e-9)
 

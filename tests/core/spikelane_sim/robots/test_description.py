@@ -139,7 +139,7 @@ def test_inertias_are_those_of_the_shapes_named_in_the_file() -> None:
 
 
 def test_the_turtlebots_inertias_are_those_of_cylinders() -> None:
-    """Of 0.164 x 0.19 m and 3.545 kg, of 0.03575 x 0.015 m and 0.2 kg."""
+    """They have 0.164 x 0.19 m and 3.545 kg, and 0.03575 x 0.015 m and 0.2 kg."""
     base, left, right = read_description(robot_model('turtlebot4').urdf)
     across = 3.545 / 12 * (3 * 0.164**2 + 0.19**2)
     assert base.inertia_kg_m2 == pytest.approx([across, across, 3.545 / 2 * 0.164**2], rel=1e-3)

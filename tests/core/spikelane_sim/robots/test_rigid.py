@@ -137,7 +137,7 @@ def test_motion_under_full_torque_is_that_of_three_bodies(
 
 
 def test_the_drive_s_torque_is_limited() -> None:
-    """From rest it accelerates as Newton has it for 9 kg and four turning masses."""
+    """From rest it accelerates as Newton's law says for 9 kg and four rotating masses."""
     robot = make()
     for _ in range(4):
         robot.step(WheelVelocities(12.0, 12.0))
@@ -251,7 +251,7 @@ def test_a_copy_has_the_same_future_and_disturbs_nobody() -> None:
 
 
 def test_looking_more_often_changes_nothing() -> None:
-    """Of ten poses a step every tenth is the only one, but for rounding."""
+    """With ten poses a step, every tenth equals the only pose, except for rounding."""
     one, ten = make(), make_robot(RobotParameters(engine='rigid'), 10)
     assert isinstance(ten, RigidDrive)
     np.testing.assert_allclose(wander(ten)[9::10], wander(one), atol=1e-12)

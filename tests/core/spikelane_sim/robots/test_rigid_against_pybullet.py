@@ -70,7 +70,7 @@ def test_from_rest_to_the_fastest(model: str, wheels: tuple[float, float]) -> No
 
 
 def test_full_reversals_while_turning() -> None:
-    """The hardest there is: from one extreme to another, at times before it is reached."""
+    """The hardest commands go from one extreme to the other, some before it is reached."""
     generator = np.random.default_rng(0)
     corners = generator.choice([-12.3, -4.0, 0.0, 4.0, 12.3], (40, 2))
     commands = np.repeat(corners, generator.integers(5, 40, 40), axis=0)

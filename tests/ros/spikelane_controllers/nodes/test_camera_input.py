@@ -46,7 +46,7 @@ def test_a_best_effort_camera_is_received_with_default_settings(graph: Any) -> N
 
 
 def test_a_node_says_where_qos_do_not_match_and_what_it_lacks(graph: Any) -> None:
-    """Asked to be reliable before a best-effort camera, it is warned of as by any rclpy node."""
+    """A reliable subscription to a best-effort camera gives the usual warning of rclpy."""
     publisher = graph.node.create_publisher(EventPacket, '/no/event_camera/events', BEST_EFFORT)
     parameters = {'use_lane_state': 'false', 'reliability': 'reliable'}
     process = graph.start('braitenberg', parameters, '-r', '__ns:=/no')

@@ -323,7 +323,7 @@ def test_a_wrong_parameter_is_refused_with_one_line(graph) -> None:
 
 
 def test_a_simulator_of_another_size_is_refused(graph) -> None:
-    """With exit status 2 and one line, whatever was told of the wait for a slow simulator."""
+    """The exit status is 2 with one line, also after messages about waiting for the simulator."""
     remapped = ('-r', '__ns:=/small')
     graph.start('simulator', {'robot.model': 'kinematic', 'camera.width': 64}, *remapped)
     process = graph.start('braitenberg', {}, *remapped)

@@ -499,7 +499,7 @@ def test_nothing_spawned_means_nothing_to_reset(simulation: Simulation) -> None:
 
 @pytest.mark.parametrize('scope', [8, 9, 128])
 def test_unknown_scopes_are_not_supported(simulation: Simulation, scope: int) -> None:
-    """Also beside known ones; nothing is reset."""
+    """This also holds together with known scopes; nothing is reset."""
     moved(simulation)
     assert simulation.code(ResetSimulation, scope=scope) == UNSUPPORTED
     assert simulation.clocks == []

@@ -189,7 +189,7 @@ def test_while_nobody_answers_it_says_what_it_waits_for(driver: Driver) -> None:
 
 
 def test_a_drive_that_goes_on_is_nothing_to_warn_of(driver: Driver) -> None:
-    """An answer is waited for most of the time; one that the last message waited for, too, is."""
+    """Most of the time an answer is awaited; only one that was already awaited before is told."""
     packet = driver.begin()
     driver.levels.clear()
     while len(driver.levels) < 3:

@@ -47,7 +47,7 @@ _ROWS = ((0.56, 0.34), (0.17, 0.34))  # bottom and height: of the error, of the 
 _COLOURS = (style.RIGHT, style.LEFT, '#009e73', '#cc79a7')
 _MARKERS = 'osD^'
 _BESIDE_PT = 2.5  # from one controller's points to the next one's, which would cover them
-_MARGIN = 0.07  # beside the first and last value, of what is between them
+_MARGIN = 0.07  # outside the first and last value, as a share of the distance between them
 _ABOVE_MEANS = 1.6  # how high the errors' axis is, of the largest mean
 
 

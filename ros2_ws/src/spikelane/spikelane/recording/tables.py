@@ -31,8 +31,8 @@ def recorded_table(path: Path, name: str) -> pd.DataFrame:
         name: Name of the quantity.
 
     Returns:
-        Of spikes a row each, in the order of time: `time_ns` and what fired, as `neuron`. Of other
-        quantities a row for each value: `time_ns`, a column for each axis, as `neuron` and
+        Spikes have a row each, in the order of time: `time_ns` and what fired, as `neuron`. Other
+        quantities have a row for each value: `time_ns`, a column for each axis, as `neuron` and
         `input`, and `value` in the quantity's unit. Columns of axes are categories.
 
     Raises:

@@ -228,7 +228,7 @@ def make_groups(
         scenario: Whose course the group `simulator` has, where there is one.
 
     Returns:
-        Of each group an instance of its class.
+        An instance of its class for each group.
 
     Raises:
         SpikelaneError: There is no such group or scenario, the course is another, or a parameter

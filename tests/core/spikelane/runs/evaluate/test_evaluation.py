@@ -116,7 +116,7 @@ def test_means_are_of_completed_laps_and_progress_of_all() -> None:
     summary = evaluation_metrics(config_of({'seeds': 2}), rows)['summary']
     assert set(summary) == {'all', 'by_lane'}
     error = summary['all']['mean_abs_distance_m']
-    # Of seed 0 there is one completed lap, of seed 1 there are two: (0.02 + 0.05) / 2.
+    # Seed 0 has one completed lap, seed 1 has two: (0.02 + 0.05) / 2.
     assert (error['n'], error['units'], error['mean']) == (3, 2, pytest.approx(0.035))
     assert (summary['all']['unit'], summary['all']['units']) == ('seed', 2)
     assert summary['all']['completed']['share'] == 0.75

@@ -62,7 +62,7 @@ def test_a_condition_is_drawn_at_the_value_it_sets_whatever_its_name() -> None:
 
 
 def test_noise_and_threshold_are_those_of_the_pixel_model() -> None:
-    """Of esim, shot noise, and both thresholds where they are equal."""
+    """For esim they are shot noise, and the threshold if both thresholds are equal."""
     esim = {'pixels__model': 'esim'}
     both = {'pixels__esim__threshold_on': 0.4, 'pixels__esim__threshold_off': 0.4}
     groups = [

@@ -65,7 +65,7 @@ def test_a_unit_is_completed_with_all_its_laps() -> None:
 
 
 def test_the_same_drive_with_several_seeds_is_one_draw() -> None:
-    """Of three seeds two drove the same on both lanes."""
+    """Two of three seeds drove the same on both lanes."""
     laps = [
         lap(seed, error_m, lane=lane)
         for seed, error_m in ((0, 0.02), (1, 0.02), (2, 0.04))

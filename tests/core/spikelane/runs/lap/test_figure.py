@@ -97,7 +97,7 @@ def test_the_lanes_borders_are_shown_where_the_robot_came_near(
 
 
 def test_a_drive_without_any_deviation_can_be_drawn(course: Course, tmp_path: Path) -> None:
-    """The exact centre, of which nothing is the largest."""
+    """The robot stays exactly in the centre, so that no deviation is the largest."""
     draw_lap(drive(course, 'outer', 0.0), course, tmp_path / 'lap.svg')
     assert 'e = 0.000 m' in texts(tmp_path / 'lap.svg')
 
@@ -109,7 +109,7 @@ def test_two_laps_are_called_two(course: Course, tmp_path: Path) -> None:
 
 
 def test_a_name_without_ending_gives_both_files(course: Course, tmp_path: Path) -> None:
-    """Nothing else is left beside them."""
+    """No other file is left in the folder."""
     files = draw_lap(drive(course, 'outer', 0.04), course, tmp_path / 'figures' / 'lap')
     assert [file.name for file in files] == ['lap.svg', 'lap.png']
     assert sorted((tmp_path / 'figures').iterdir()) == sorted(files)

@@ -69,7 +69,7 @@ def test_the_robot_completes_the_outer_lane(lap: Lap) -> None:
 
 
 def test_the_result_has_all_fields(lap: Lap) -> None:
-    """At least those; what was asked for as it was asked for."""
+    """It has at least these fields, and the options as they were given."""
     asked = {
         'scenario': '1',
         'controller': 'braitenberg',
@@ -147,7 +147,7 @@ def test_a_seed_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_a_lap_that_is_not_completed_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With all results all the same, in lines for people."""
+    """All results are there nevertheless, as lines of text."""
     assert drive(tmp_path / 'lap', '--lane', 'inner', '--scenario', '2') == 1
     out, err = capsys.readouterr()
     lines = dict(line.split(maxsplit=1) for line in out.splitlines() if line.count(' ') > 1)
@@ -286,7 +286,7 @@ def test_options_are_short_forgiven_parameters() -> None:
 
 
 def test_the_robot_in_pybullet_prints_one_line_of_json(tmp_path: Path) -> None:
-    """Its engine is talkative, but not on the standard output."""
+    """The engine prints messages, but not on standard output."""
     ended = subprocess.run(
         [sys.executable, '-m', 'spikelane.main', 'lap', '--transport', 'inprocess']
         + ['--robot', 'pybullet', '--json', '--out', str(tmp_path / 'lap'), *SHORT],

@@ -111,7 +111,7 @@ def test_a_reset_alone_is_no_drive() -> None:
 
 
 def test_a_lap_after_which_the_lane_is_lost_completes_nothing(lap: Trajectory) -> None:
-    """Of several in a row: the episode's means are then not those of laps."""
+    """With several laps in a row, the means of the episode are then not those of laps."""
     lost = lap_metrics(dataclasses.replace(lap, reason='lane_lost'), 0.5)
     assert (lost['completed'], lost['laps'], lost['lap_time_s']) == (False, 1, 2.0)
     cut = lap_metrics(dataclasses.replace(lap, reason='step_limit'), 0.5)

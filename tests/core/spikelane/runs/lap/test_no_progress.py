@@ -152,7 +152,7 @@ def test_a_lap_ends_with_its_reason(
 def test_an_evaluation_ends_its_laps_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of both lanes, and counts them as not completed."""
+    """It does so on both lanes, and counts the laps as not completed."""
     command = lap_of_a_standing_robot(tmp_path / 'evaluation')
     command[0] = 'evaluate'
     assert run(command) == 0
@@ -162,7 +162,7 @@ def test_an_evaluation_ends_its_laps_too(
 
 
 def test_the_time_limit_fits_course_and_laps() -> None:
-    """A limit that is given is kept; of laps without end there is none."""
+    """A limit that is given is kept; laps without end have no limit."""
 
     def max_steps(**episode: int) -> int:
         given = {f'simulator.episode.{name}': value for name, value in episode.items()}

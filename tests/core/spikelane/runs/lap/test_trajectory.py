@@ -467,7 +467,7 @@ def test_stamps_may_come_again_after_a_reset_of_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('again', [0, 1, 2])
 def test_an_observation_that_was_sent_again_counts_once(tmp_path: Path, again: int) -> None:
-    """As whoever joins is sent the one that waits for its answer."""
+    """A subscriber that joins late is sent the observation that still waits for its answer."""
     rows = episode_rows()
     bag = write_bag(tmp_path / 'bag', [*rows[: again + 1], *rows[again:]])
     assert read_trajectory(bag).equals(recorded(rows))

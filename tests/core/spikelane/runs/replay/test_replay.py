@@ -138,7 +138,7 @@ def test_a_training_gives_the_same_answers(drives, bag_of: BagOf, tmp_path: Path
 
 
 def test_simulation_time_may_begin_again(drives, bag_of: BagOf) -> None:
-    """Stamps come again; what was recorded beside a packet is meant."""
+    """Stamps repeat, so the messages recorded next to a packet belong to it."""
     seen = drives.drive('braitenberg', seed=SEED, episodes=(15, 25, 5), from_time_zero=True)
     result = replayed(bag_of(drives.say(seen)))
     assert (result['agreement'], result['steps']) == (1.0, 45)
@@ -269,7 +269,7 @@ def test_a_gap_is_said_and_ends_with_the_episode(said: list[Any], bag_of: BagOf)
         '3 lane states lack their event packet',
     ]
     assert (result['packets'], result['lost_packets']) == (OBSERVATIONS - 3, 3)
-    # Of the first episode's 31 observations, 10 come before the gap and 18 after it.
+    # The first episode has 31 observations: 10 before the gap and 18 after it.
     assert result['first_difference'] >= 10
     assert result['equal'] >= OBSERVATIONS - 31 + 10
     assert result['agreement'] < 1.0
@@ -582,7 +582,7 @@ def test_the_command_leaves_a_folder(
 def test_the_parameters_in_the_bag_are_taken(
     drives, bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of what drove, unless others are given; not for another controller."""
+    """The controller that drove gets them, unless others are given; other controllers do not."""
     parameters = {'checkpoint': 'scenario_2', 'steering.v_max': 1.25}
     seen = drives.drive('rstdp', seed=2, episodes=(30,), parameters=parameters)
     facts = {'seed': '2', 'controller': 'rstdp', 'scenario': 'course.yaml'}
@@ -621,7 +621,7 @@ def test_the_command_speaks_to_people(
 def test_the_state_messages_name_the_controller_that_drove(
     drives: Any, said: list[Any], bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As of a bag whose facts another program has left out; the seed is unknown then."""
+    """Another program may have left out the bag's metadata; the seed is unknown then."""
     first = said[0]
     state = drives.controller_state(50_000_000, 'braitenberg')
     bag = bag_of([type(first)('/controller/state', first.log_ns, state), *said])

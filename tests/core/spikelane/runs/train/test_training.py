@@ -79,7 +79,7 @@ def test_lanes_alternate_and_every_termination_is_kept(whole: Path) -> None:
 
 
 def test_weights_are_kept_every_hundred_steps(whole: Path) -> None:
-    """From the initial ones on, each other than the last."""
+    """They begin with the initial weights, and each differs from the one before."""
     training = make_training(config_of(), RunFolder(whole), resume=True)
     assert np.shape(training.weight_history) == (1 + STEPS // 100, 2, 32)
     first, *_, last = training.weight_history
@@ -190,7 +190,7 @@ def test_a_training_that_is_done_can_be_prolonged(whole: Path, tmp_path: Path) -
 
 
 def test_nothing_depends_on_the_time_an_episode_begins() -> None:
-    """Of a real sensor's pixels too, with all that they can remember; resuming relies on it."""
+    """This also holds for a real sensor's pixels with all their state; resuming relies on it."""
     pixels = {
         'model': 'esim',
         'esim.refractory_s': 0.003,

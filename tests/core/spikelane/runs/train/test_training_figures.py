@@ -149,7 +149,7 @@ def test_weights_of_another_shape_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_correlation_is_pearsons() -> None:
-    """Of what the two halves have in common nothing is left: cov = -mean^2.
+    """The two halves do not overlap, so that cov = -mean^2.
 
     The weights of a neuron sum to 11,500 and their squares to 12,875,000, so with 32 inputs
     mean^2 is 129,150.39 and the variance 273,193.36; their ratio is 0.4727435.
@@ -176,7 +176,7 @@ def test_inputs_that_saw_no_events_can_be_left_out_of_the_correlation() -> None:
 
 
 def test_weights_that_are_all_the_same_have_no_correlation() -> None:
-    """None, not NaN, which JSON has not."""
+    """It is None and not NaN, since JSON has no NaN."""
     same = np.full((2, 32), 200.0)
     found = weights_correlation(same, same)
     assert found.pop('inputs_seen') == 0
