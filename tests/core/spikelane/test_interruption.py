@@ -16,6 +16,7 @@ import tempfile
 import time
 
 import pytest
+import xarray as xr
 
 from spikelane.interruption import check, GRACE_S, Interrupted, signals_noted
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -26,6 +27,10 @@ LATEST_S = 6.0
 ENDLESS = ('--param', 'simulator.episode.max_laps=0')
 COMMANDS = {
     'lap': ('lap', '--transport', 'inprocess', '--robot', 'kinematic', *ENDLESS),
+    'lap, recorded': (
+        *('lap', '--transport', 'inprocess', '--robot', 'kinematic', '--controller', 'rstdp'),
+        *('--record', 'all', *ENDLESS),
+    ),
     'lap, physics': ('lap', '--transport', 'inprocess', *ENDLESS),
     'train rstdp': ('train', 'rstdp', '--robot', 'kinematic', '--steps', '1000000'),
     'evaluate': ('evaluate', '--robot', 'kinematic', '--seeds', '1000'),
@@ -127,9 +132,10 @@ def test_a_command_ends_at_a_random_moment(tmp_path: Path, name: str) -> None:
 
 
 def test_an_interrupted_training_can_be_resumed(tmp_path: Path) -> None:
-    """Its checkpoint is whole; there are no results before it is done."""
+    """Its checkpoint and recording are whole; there are no results before it is done."""
     folder = tmp_path / 'run'
-    process = start('-m', 'spikelane.main', *COMMANDS['train rstdp'], '--out', str(folder))
+    recorded = (*COMMANDS['train rstdp'], '--record', 'spikes,weights')
+    process = start('-m', 'spikelane.main', *recorded, '--out', str(folder))
     deadline_s = time.monotonic() + DEADLINE_S
     while not (folder / 'checkpoint.safetensors').exists():
         assert time.monotonic() < deadline_s
@@ -140,6 +146,10 @@ def test_an_interrupted_training_can_be_resumed(tmp_path: Path) -> None:
     assert (process.returncode, errors) == (143, '')
     steps = int(read_checkpoint(folder, 'rstdp').facts['steps'])
     assert not (folder / 'metrics.json').exists()
+    with xr.open_dataset(folder / 'recording.nc') as recording:
+        assert recording.attrs['complete'] == 0
+        assert recording.sizes['step'] >= steps
+    assert not list(folder.glob('.*.part'))
     resumed = ('train', 'rstdp', '--robot', 'kinematic', '--steps', str(steps + 50))
     process = start('-m', 'spikelane.main', *resumed, '--out', str(folder), '--resume')
     _, errors = process.communicate(timeout=DEADLINE_S)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from spikelane.commands.experiment import summary
 from spikelane.experiment.file import read_experiment
 from spikelane.experiment.plan import make_plan, PlannedRun
 from spikelane.experiment.results import experiment_results
@@ -112,3 +113,21 @@ def test_trainings_that_have_not_got_there_are_censored(tmp_path: Path) -> None:
         100.0,
         False,
     )
+
+
+def test_the_summary_counts_what_was_driven(tmp_path: Path) -> None:
+    """An evaluation has its own seeds; a training is one seed, not "1 seeds"."""
+    completed = {'successes': 3, 'n': 4}
+    every = {'unit': 'seed', 'units': 4, 'laps': 4, 'distinct_laps': 4}
+    laps = {'all': {**every, 'completed': completed, 'mean_abs_distance_m': None}}
+    groups = [
+        {'task': 'evaluate', 'controller': 'rstdp', 'seeds': [0], 'metrics': {}, 'laps': laps},
+        {'task': 'train', 'controller': 'rstdp', 'seeds': [0], 'metrics': {}},
+        {'task': 'train', 'controller': 'dqn', 'seeds': [0, 1], 'metrics': {}},
+    ]
+    assert summary({'groups': groups, 'runs': []}, tmp_path).splitlines() == [
+        'evaluate rstdp, 4 seeds: 3 of 4 laps completed',
+        'train rstdp, 1 seed',
+        'train dqn, 2 seeds',
+        f'results in {tmp_path}/results.json',
+    ]

@@ -21,6 +21,7 @@ from spikelane.experiment.tasks import task_named
 from spikelane.lock import locked
 from spikelane.requirements import require
 from spikelane.runs.configuration import check_number
+from spikelane.runs.evaluate.summary import counted, units_in_words
 from spikelane.runs.folder import make_folder, RunFolder, RUNS
 from spikelane.runs.output import add_output_arguments
 from spikelane_sim.errors import ParameterError
@@ -191,7 +192,10 @@ def summary(results: Mapping[str, Any], root: Path) -> str:
     lines = []
     for group in results['groups']:
         place = [str(value) for name, value in group.items() if isinstance(value, str)]
-        text = f'{" ".join(place)}, {len(group["seeds"])} seeds'
+        seeds = len(group['seeds'])
+        # Of laps, what was driven: one run of an evaluation can have many seeds.
+        units = units_in_words(group['laps']['all']) if 'laps' in group else counted(seeds, 'seed')
+        text = f'{" ".join(place)}, {units}'
         if 'laps' in group:
             completed = group['laps']['all']['completed']
             error = group['laps']['all']['mean_abs_distance_m']

@@ -215,6 +215,27 @@ def test_the_command_leaves_a_folder_and_goes_on_in_it(
 
 
 @pytest.mark.usefixtures('_signals_as_before')
+def test_it_says_how_far_a_drive_came_that_is_not_complete(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line for each of the first twenty; the lanes are 31.99 and 28.85 m long."""
+    options = ['--robot', 'kinematic', '--param', 'simulator.episode.max_steps=20']
+    out = ['--seeds', '11', '--laps', '2', '--out', str(tmp_path / 'out')]
+    assert run(['evaluate', *options, *out]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    laps = json.loads((tmp_path / 'out/metrics.json').read_text())['laps']
+    expected = [
+        f'           outer, seed {lap["seed"]}: step limit after {lap["progress_m"]:.1f} of 64.0 m'
+        for lap in laps[:11]
+    ]
+    start = next(number for number, line in enumerate(lines) if 'seed 0' in line)
+    assert lines[start : start + 11] == expected
+    assert lines[start + 11].startswith('           inner, seed 0: step limit after 0.')
+    assert lines[start + 11].endswith(' of 57.7 m')
+    assert lines[start + 20] == '           and 2 more, in metrics.json'
+
+
+@pytest.mark.usefixtures('_signals_as_before')
 def test_it_does_not_go_on_with_another_course_in_the_same_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

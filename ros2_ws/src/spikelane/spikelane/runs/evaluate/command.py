@@ -21,6 +21,9 @@ from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.run import draw_some_courses, evaluate
 from spikelane.runs.evaluate.summary import UNITS, units_in_words
 
+#: Drives that did not complete their laps, of which each has a line.
+_MOST_INCOMPLETE = 20
+
 #: The parameter of each pixel model that is its noise.
 _NOISE = {'coppelia': 'coppelia.noise_rate_hz', 'esim': 'esim.shot_rate_hz'}
 
@@ -90,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
         result = {**metrics, 'folder': str(folder.path)}
         if 'by_course' in metrics['summary']:
             result['figure'] = str(draw_some_courses(config, folder, metrics))
-    print(json.dumps(result) if options.json else _summary(result))
+    print(json.dumps(result) if options.json else _summary(config, result))
     return 0
 
 
@@ -108,12 +111,17 @@ def _parameters(options: argparse.Namespace) -> dict[str, Any]:
     return given | {name: value for name, value in flags.items() if value is not None}
 
 
-def _summary(result: dict[str, Any]) -> str:
-    """Return the results for people, a line for each lane, and what the intervals are over."""
+def _summary(config: EvaluateConfig, result: dict[str, Any]) -> str:
+    """Return the results for people.
+
+    They are a line for each lane, how far each drive came that did not complete its laps, and
+    what the intervals are over.
+    """
     groups = dict(result['summary']['by_lane'])
     if len(groups) > 1:
         groups['all'] = result['summary']['all']
     lines = [_line(name, group) for name, group in groups.items()]
+    lines += _incomplete(config, result)
     if courses := result['summary'].get('courses_completed'):
         lines.append(
             f'{"courses":10} all laps completed on {courses["successes"]} of {courses["n"]} '
@@ -122,6 +130,25 @@ def _summary(result: dict[str, Any]) -> str:
     every = result['summary']['all']
     lines.append(f'{"intervals":10} over {UNITS[every["unit"]]}: {units_in_words(every)}')
     return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
+
+
+def _incomplete(config: EvaluateConfig, result: dict[str, Any]) -> list[str]:
+    """Return a line for each drive that did not complete its laps, of the first ones."""
+    several = 'by_course' in result['summary']
+    lines = []
+    for each, lap in zip(config.laps(), result['laps'], strict=True):
+        if lap['completed']:
+            continue
+        place = f'{lap["course"]}, ' if several else ''
+        length_m = each.length_m * max(1, config.simulator.episode.max_laps)
+        lines.append(
+            f'{"":10} {place}{lap["lane"]}, seed {lap["seed"]}: '
+            f'{lap["reason"].replace("_", " ")} after {lap["progress_m"]:.1f} of {length_m:.1f} m'
+        )
+    if len(lines) > _MOST_INCOMPLETE:
+        left = len(lines) - _MOST_INCOMPLETE
+        lines = [*lines[:_MOST_INCOMPLETE], f'{"":10} and {left} more, in metrics.json']
+    return lines
 
 
 def _line(name: str, group: dict[str, Any]) -> str:

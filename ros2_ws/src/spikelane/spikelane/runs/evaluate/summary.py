@@ -163,10 +163,14 @@ def summarise_by_lane(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
+def counted(count: int, unit: str) -> str:
+    """Return a number of one of UNITS in words: '1 seed', '3 seeds'."""
+    return f'{count} {unit if count == 1 else UNITS[unit]}'
+
+
 def units_in_words(summary: Mapping[str, Any]) -> str:
     """Return how many units laps are of, and how many laps repeat others: '3 seeds'."""
-    count, unit = summary['units'], summary['unit']
-    words = f'{count} {unit if count == 1 else UNITS[unit]}'
+    words = counted(summary['units'], summary['unit'])
     if summary['distinct_laps'] == summary['laps']:
         return words
     return f'{words}; {summary["distinct_laps"]} distinct of {summary["laps"]} laps driven'
