@@ -156,7 +156,7 @@ def test_another_command_is_about_what_there_is(line: Line) -> None:
     elif line.words[:2] == ('ros2', 'launch'):
         package, file, *arguments = rest[1:]
         path = ROOT / 'ros2_ws/src' / package / 'launch' / file
-        shared = ROOT / 'ros2_ws/src/spikelane/spikelane/launch/graph.py'
+        shared = ROOT / 'ros2_ws/src/spikelane/spikelane/launch/arguments.py'
         declared = path.read_text('utf-8') + shared.read_text('utf-8')
         for argument in arguments:
             name = re.escape(argument.partition(':=')[0])

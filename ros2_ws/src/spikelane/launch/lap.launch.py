@@ -9,23 +9,30 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 
 from spikelane.launch import graph
-from spikelane.runs.lap.config import NO_PROGRESS_STEPS
+from spikelane.launch.arguments import (
+    Arguments,
+    controller_arguments,
+    flag,
+    lap_arguments,
+    lap_parameters,
+    namespace_argument,
+    run_arguments,
+)
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the rest depends on them."""
     return LaunchDescription(
         [
-            graph.namespace_argument(),
-            *graph.run_arguments(),
-            *graph.controller_arguments(),
-            graph.argument('lane', "outer or inner; empty: the course's first.", ''),
-            graph.flag(
+            namespace_argument(),
+            *run_arguments(),
+            *controller_arguments(),
+            *lap_arguments(),
+            flag(
                 'autostart',
-                'Whether the lap begins at once, or when simulator/reset is called.',
+                'Begin the lap at once instead of when simulator/reset is called.',
                 True,
             ),
-            graph.argument('max_steps', 'Steps of 50 ms that end the lap early; 0: none.', '0'),
             OpaqueFunction(function=start),
         ]
     )
@@ -33,22 +40,11 @@ def generate_launch_description() -> LaunchDescription:
 
 def start(context: LaunchContext) -> list[Any]:
     """Return the nodes and how they end."""
-    arguments = graph.Arguments(context)
+    arguments = Arguments(context)
     name = arguments.text('controller')
-    is_recorded, is_viewed = arguments.is_true('record'), arguments.is_true('viewer')
-    lap = {
-        'lane': arguments.text('lane'),
-        'episode.max_steps': arguments.number('max_steps'),
-        'episode.no_progress_steps': NO_PROGRESS_STEPS,
-        'end_after_episodes': 1,
-        'autostart': arguments.is_true('autostart'),
-    }
+    lap = {**lap_parameters(arguments), 'autostart': arguments.is_true('autostart')}
     driving = [
         graph.simulator(arguments, name, lap),
         graph.controller(name, arguments, {}),
     ]
-    facts = {key: arguments.text(key) for key in ('controller', 'scenario', 'seed')}
-    recording = [graph.recorder(arguments, facts)] if is_recorded else []
-    viewing = [graph.viewer(arguments, {})] if is_viewed else []
-    ending = graph.end_in_order([driving], recording, viewing)
-    return [*ending, *recording, *viewing, *driving]
+    return graph.whole_run(arguments, [driving], ('controller', 'scenario', 'seed'))

@@ -14,22 +14,21 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from spikelane.launch import graph
+from spikelane.launch.arguments import argument, Arguments
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments; the rest depends on them."""
     return LaunchDescription(
         [
-            graph.argument(
+            argument(
                 'with',
                 'In the browser; or packages rviz2, foxglove_bridge, where they are installed.',
                 'browser',
                 ('browser', 'rviz', 'foxglove'),
             ),
-            graph.argument('namespace', 'Namespace of the nodes shown in the browser.', ''),
-            graph.argument(
-                'port', 'Port of the page, or of the bridge; on this machine alone.', '0'
-            ),
+            argument('namespace', 'Namespace of the nodes shown in the browser.', ''),
+            argument('port', 'Port of the page, or of the bridge; on this machine alone.', '0'),
             OpaqueFunction(function=start),
         ]
     )
@@ -37,7 +36,7 @@ def generate_launch_description() -> LaunchDescription:
 
 def start(context: LaunchContext) -> list[Any]:
     """Return what shows."""
-    arguments = graph.Arguments(context)
+    arguments = Arguments(context)
     port, config = (
         arguments.number('port'),
         Path(get_package_share_directory('spikelane'), 'config'),

@@ -1,11 +1,11 @@
-"""The nodes that launch files start, their arguments, and the order in which all ends.
+"""The nodes that launch files start, and the order in which all ends.
 
 Parameters are those of the YAML files, shipped or given, with what the arguments say on top.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import signal
 import sys
@@ -13,17 +13,17 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler, Shutdown
+from launch.actions import EmitEvent, RegisterEventHandler, Shutdown
 from launch.event_handlers import OnProcessExit
 from launch.events import matches_action
 from launch.events.process import ShutdownProcess
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.utilities import prefix_namespace
 
 from spikelane.executables import executables, is_installed_by_pip, MODULE_ARGUMENTS
+from spikelane.launch.arguments import Arguments
 from spikelane.runs.lap.nodes.driving import recorded_topics
-from spikelane_controllers.registry import controller_names, controller_packages, usual_controller
+from spikelane_controllers.registry import controller_packages
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
@@ -42,109 +42,6 @@ _TOLD_STATUSES = (
     0,
     *(status for each in (signal.SIGINT, signal.SIGTERM) for status in (-each, 128 + each)),
 )
-
-
-class Arguments:
-    """The arguments of a launch, as they were given."""
-
-    def __init__(self, context: LaunchContext) -> None:
-        self._context = context
-
-    def text(self, name: str) -> str:
-        """Return an argument; one that the launch file does not have is empty."""
-        return str(LaunchConfiguration(name, default='').perform(self._context))
-
-    def number(self, name: str) -> int:
-        """Return an argument that is a whole number.
-
-        Raises:
-            ValueError: It is not.
-        """
-        try:
-            return int(self.text(name))
-        except ValueError:
-            raise ValueError(f'{name}: expected a whole number, got {self.text(name)!r}') from None
-
-    @property
-    def pushed_namespace(self) -> str | None:
-        """The full namespace that the launch is included in; None where there is none."""
-        pushed = self._context.launch_configurations.get('ros_namespace')
-        return None if pushed is None else str(pushed)
-
-    def is_true(self, name: str) -> bool:
-        """Return an argument that is true or false."""
-        return self.text(name) == 'true'
-
-
-def argument(
-    name: str, description: str, default: str | None = None, choices: Sequence[str] | None = None
-) -> DeclareLaunchArgument:
-    """Declare an argument; one without a default must be given."""
-    return DeclareLaunchArgument(
-        name,
-        description=description,
-        default_value=default,
-        choices=None if choices is None else list(choices),
-    )
-
-
-def flag(name: str, description: str, default: bool) -> DeclareLaunchArgument:
-    """Declare an argument that is true or false."""
-    return argument(name, description, str(default).lower(), ('true', 'false'))
-
-
-def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
-    """Declare what any run takes; `record` is whether it is usually recorded."""
-    return [
-        argument('scenario', "The paper's scenario.", '1', ('1', '2', '3')),
-        argument('seed', 'Seed of all randomness, a whole number from 0.', '0'),
-        argument(
-            'simulator_file',
-            "The simulator's parameters; empty: the scenario's of the package.",
-            '',
-        ),
-        argument('bag', 'Folder to record to, must not exist; empty: rosbag2_<date>-<time>.', ''),
-        flag('record', 'Whether to record.', record),
-        flag('viewer', 'Whether to show it all in the browser; Ctrl-C ends then.', False),
-        argument(
-            'wait_for_subscribers',
-            'Subscribers that event_camera/events and wheel_velocities must have before anything '
-            'is published, those of this launch included; 0: those of this launch alone.',
-            '0',
-        ),
-        argument(
-            'history_depth',
-            'Messages kept for a subscriber that is late, as of ros2 bag record; 0: as usual.',
-            '0',
-        ),
-    ]
-
-
-def namespace_argument() -> DeclareLaunchArgument:
-    """Declare the namespace of all nodes."""
-    return argument(
-        'namespace',
-        'Namespace of all nodes and topics, with /clock and /tf in it; empty: none.',
-        '',
-    )
-
-
-def controller_arguments(
-    controllers: Iterable[str] | None = None, default: str | None = None
-) -> list[DeclareLaunchArgument]:
-    """Declare which controller takes part, and with which parameters.
-
-    Args:
-        controllers: To choose from; None: all.
-        default: The usual one; None: that of the commands.
-    """
-    names = controller_names() if controllers is None else tuple(controllers)
-    return [
-        argument('controller', 'What drives.', default or usual_controller(), names),
-        argument(
-            'controller_file', "The controller's parameters; empty: those of the package.", ''
-        ),
-    ]
 
 
 def simulator(
@@ -226,6 +123,29 @@ def recorder(
 def viewer(arguments: Arguments, others: Mapping[str, Any], *, namespace: str = '') -> Node:
     """Return the viewer, with parameters."""
     return _node(arguments, 'viewer', namespace, [others])
+
+
+def whole_run(
+    arguments: Arguments,
+    groups: Sequence[Sequence[Node]],
+    facts: Sequence[str],
+    topics: Sequence[str] | None = None,
+    shown: str = '',
+) -> list[Any]:
+    """Return the nodes of a run, a recorder and a viewer if asked for, and how all end.
+
+    Args:
+        arguments: Arguments of the launch.
+        groups: The nodes that drive, as in `end_in_order`.
+        facts: Names of the arguments that are kept in the bag's metadata.
+        topics: As in `recorder`.
+        shown: Namespace that the viewer shows.
+    """
+    kept = {name: arguments.text(name) for name in facts}
+    recording = [recorder(arguments, kept, topics)] if arguments.is_true('record') else []
+    viewing = [viewer(arguments, {}, namespace=shown)] if arguments.is_true('viewer') else []
+    ending = end_in_order(groups, recording, viewing)
+    return [*ending, *recording, *viewing, *(node for group in groups for node in group)]
 
 
 def end_in_order(
