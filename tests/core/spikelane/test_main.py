@@ -93,7 +93,10 @@ def test_every_command_has_a_help(command: str, capsys: pytest.CaptureFixture[st
         (['fly'], "spikelane: argument COMMAND: invalid choice: 'fly' (choose from "),
         (['lap', '--fly'], 'spikelane: unrecognized arguments: --fly'),
         (['lap', '--seed', 'x'], "spikelane lap: argument --seed: invalid int value: 'x'"),
-        (['lap', '--robot', 'x'], "spikelane lap: argument --robot: robot.model: expected one of p3dx"),
+        (
+            ['lap', '--robot', 'x'],
+            'spikelane lap: argument --robot: robot.model: expected one of p3dx',
+        ),
         (['node', 'x'], 'spikelane node: node: expected one of simulator, braitenberg, '),
         (['node'], 'spikelane node: the following arguments are required: NODE'),
     ],
