@@ -21,6 +21,7 @@ from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.learning.learning_controller import check_can_learn, LearningController
 from spikelane_controllers.learning.training import controller_state, state_checkpoint
 from spikelane_controllers.operations import Operations
+from spikelane_controllers.recording_check import check_recording
 from spikelane_controllers.registry import ControllerClass
 from spikelane_controllers.shown import Shown, shown_by
 from spikelane_sim.contract import (
@@ -104,6 +105,7 @@ def check_controller(
         'reset and step': lambda: _check_drive(violations, make, observations),
         'same seed, same answers': lambda: _check_determinism(violations, make, observations),
         'odd observations': lambda: _check_odd(violations, make, observations[0]),
+        'recording': lambda: check_recording(make, _drives(observations)),
     }
     if hasattr(cls, 'state') or hasattr(cls, 'restore') or 'learning' in values.to_dict():
         checks['learning'] = lambda: _check_learner(violations, name, make, observations)
@@ -154,6 +156,20 @@ def _drive(controller: Controller, seen: Sequence[Observation], episode: int = 1
     """Return the answers of an episode, each observation given as a copy."""
     controller.reset(controller_rng(_SEED, episode))
     return _answers(controller, seen)
+
+
+def _drives(seen: Sequence[Observation]) -> Callable[[Controller, Callable[[], None]], Answers]:
+    """Return what drives an episode and calls a function after each answer."""
+
+    def drive(controller: Controller, after: Callable[[], None]) -> Answers:
+        controller.reset(controller_rng(_SEED, 1))
+        answers = []
+        for each in seen:
+            answers.append(controller.step(each._replace(events=each.events.copy())))
+            after()
+        return answers
+
+    return drive
 
 
 def _answers(controller: Controller, seen: Sequence[Observation]) -> Answers:

@@ -10,7 +10,7 @@ events drive it: that step ends at the observation's stamp.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,6 +93,47 @@ def begin_to_record(name: str, controller: Any, names: Collection[str]) -> tuple
     if chosen:
         controller.record([each.name for each in chosen])
     return chosen
+
+
+def checked_sample(quantity: Quantity, samples: Mapping[str, Any]) -> Sample:
+    """Return the sample of a quantity, which an own controller may have got wrong.
+
+    Args:
+        quantity: The quantity.
+        samples: As `shown.recorded` has them.
+
+    Raises:
+        ParameterError: It is missing or not what its quantity says.
+    """
+    sample = samples.get(quantity.name)
+    if quantity.is_spikes:
+        n_sources = len(quantity.axes[0].labels)
+        expected = f'SpikeTimes of sources below {n_sources}, within a step, in the order of time'
+        is_right = isinstance(sample, SpikeTimes) and _are_spikes(sample, n_sources)
+    else:
+        expected = f'an array of the shape {quantity.shape}'
+        is_right = np.shape(sample) == quantity.shape  # type: ignore[arg-type]
+    if sample is None or not is_right:
+        got = 'none' if sample is None else _described(sample)
+        raise ParameterError(f'recorded {quantity.name}: expected {expected}, got {got}')
+    found: Sample = sample
+    return found
+
+
+def _are_spikes(spikes: SpikeTimes, n_sources: int) -> bool:
+    offsets_ns, sources = np.asarray(spikes.offsets_ns), np.asarray(spikes.sources)
+    return bool(
+        len(offsets_ns) == len(sources)
+        and ((offsets_ns >= 0) & (offsets_ns <= STEP_NS)).all()
+        and (np.diff(offsets_ns) >= 0).all()
+        and ((sources >= 0) & (sources < n_sources)).all()
+    )
+
+
+def _described(sample: Any) -> str:
+    if isinstance(sample, np.ndarray | list):
+        return f'one of {np.shape(sample)}'
+    return f'{sample!r:.80}'
 
 
 def chosen_quantities(

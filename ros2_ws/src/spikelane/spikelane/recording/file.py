@@ -21,14 +21,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import os
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import h5netcdf
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.quantities import Axis, Quantity, Sample, SpikeTimes
+from spikelane_controllers.quantities import Axis, checked_sample, Quantity, Sample, SpikeTimes
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
 
@@ -110,7 +110,7 @@ class RecordingFile:
             self._keep(name, np.array([value], np.int64))
         begin_ns = stamp_ns - STEP_NS
         for quantity in self._quantities:
-            name, sample = quantity.name, _checked(quantity, samples)
+            name, sample = quantity.name, checked_sample(quantity, samples)
             if isinstance(sample, SpikeTimes):
                 self._keep(f'{name}_time_ns', begin_ns + sample.offsets_ns)
                 self._keep(f'{name}_{quantity.axes[0].name}', sample.sources)
@@ -197,20 +197,6 @@ class RecordingFile:
             begin = begins[self._dimension[name]]
             self._file.variables[name][begin : begin + len(values)] = values
             self._parts[name] = []
-
-
-def _checked(quantity: Quantity, samples: Mapping[str, Sample]) -> Sample:
-    """Return the sample of a quantity, which an own controller may have got wrong."""
-    sample = samples.get(quantity.name)
-    if quantity.is_spikes:
-        expected, is_right = 'SpikeTimes', isinstance(sample, SpikeTimes)
-    else:
-        expected = f'an array of the shape {quantity.shape}'
-        is_right = np.shape(cast(Any, sample)) == quantity.shape
-    if sample is None or not is_right:
-        got = 'none' if sample is None else f'one of {np.shape(cast(Any, sample))}'
-        raise ParameterError(f'recorded {quantity.name}: expected {expected}, got {got}')
-    return sample
 
 
 def _reserve(path: Path, begin: int, size: int) -> None:
