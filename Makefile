@@ -3,11 +3,12 @@
 SHELL := /bin/bash
 CORE := sim_bridge/spikelane_sim controllers/spikelane_controllers ros2_ws/src/spikelane/spikelane
 
-.PHONY: help run test setup clean
+.PHONY: help run test docs setup clean
 
 help:
 	@echo 'make run    drive a lap of scenario 1: simulator and controller as ROS 2 nodes, recorded'
 	@echo 'make test   ruff, mypy and all tests'
+	@echo 'make docs   build the documentation as a site: site/index.html'
 	@echo 'make setup  only set up what is missing for running'
 	@echo 'make clean  remove the environment and everything built; runs/ is kept'
 
@@ -24,6 +25,11 @@ test:
 	mypy ros2_ws/src/spikelane/launch || status=1; \
 	python -m pytest || status=1; \
 	exit $$status
+
+docs:
+	@setup/bootstrap docs
+	@source setup/env.sh; python -m sphinx -W --keep-going -q -c docs/site . site
+	@echo 'site/index.html'
 
 setup:
 	@setup/bootstrap run

@@ -1,8 +1,9 @@
 """Set up what is missing: virtual environment, pinned packages, built workspace.
 
-Called by `setup/bootstrap run|learn|view|test`; needs nothing but Python 3.10 to 3.13. What is
-complete is noted in .venv/spikelane.json step by step, so that an interrupted set-up is continued,
-and that a change of a requirement or an interface repeats what depends on it and nothing else.
+Called by `setup/bootstrap run|learn|view|docs|test`; needs nothing but Python 3.10 to 3.13. What
+is complete is noted in .venv/spikelane.json step by step, so that an interrupted set-up is
+continued, and that a change of a requirement or an interface repeats what depends on it and
+nothing else.
 
 Where ROS 2 Jazzy is sourced, the environment is put on top of it; elsewhere ROS comes from wheels.
 """
@@ -66,7 +67,7 @@ class Ros(NamedTuple):
 
 
 def set_up(purpose: str) -> None:
-    """Set up what is missing for running, for learning with PyTorch as well, or for testing.
+    """Set up what is missing for running, for another purpose as well.
 
     Raises:
         SetupError: Something is needed that only the user can install.
@@ -115,13 +116,15 @@ class RequirementLists(NamedTuple):
 
 
 def wanted_lists(purpose: str, ros: Ros) -> dict[str, RequirementLists]:
-    """Return the requirements by purpose; what tests also learns and views, all also run."""
+    """Return the requirements by purpose; what tests has all, all also run."""
     base = 'wheels.txt' if ros.prefix is None else 'system-ros.txt'
     lists = {'run': RequirementLists((REQUIREMENTS / base, REQUIREMENTS / 'run.txt'))}
     if purpose in ('learn', 'test'):
         lists['learn'] = RequirementLists((REQUIREMENTS / 'learn.txt',))
     if purpose in ('view', 'test'):
         lists['view'] = RequirementLists((REQUIREMENTS / 'view.txt',), is_closed=True)
+    if purpose in ('docs', 'test'):
+        lists['docs'] = RequirementLists((REQUIREMENTS / 'docs.txt',))
     if purpose == 'test':
         lists['test'] = RequirementLists((REQUIREMENTS / 'test.txt',))
     return lists

@@ -132,8 +132,8 @@ class ControllerCard:
         transfer: How it takes over what another one has learnt, None where it does not.
         weights: Folder of the weights shipped with it, each NAME.safetensors; None for none.
         weight_arrays: Names of the arrays in a checkpoint that it drives with.
-        figures: Place of a function that returns `learning.results.Figure`s which a report shows
-            of the controller itself, whatever runs there are; '' for none.
+        figures: Place of a function that returns the figures (`learning.results.Figure`) which a
+            report shows of the controller itself, whatever runs there are; '' for none.
         nir_graph: Place of a function that returns it as a NIR graph; '' where there is none.
         paper: What the paper shows of it, None for nothing.
         aims: What it is to reach.

@@ -152,13 +152,15 @@ class TrainingResults:
         """Measure the training.
 
         Returns:
-            steps: Steps driven.
-            episodes: Episodes that ended.
-            lane_losses: Episodes that ended with the lane lost.
-            last_lane_loss_step: Step of the last of them, 0 where there was none.
-            settled: Whether every lane was driven in full after it (`settling.has_settled`);
-                where not, it is only the last one so far.
-            laps_since: Laps completed after it, by lane.
+            Values by their names:
+
+            - `steps`: Steps driven.
+            - `episodes`: Episodes that ended.
+            - `lane_losses`: Episodes that ended with the lane lost.
+            - `last_lane_loss_step`: Step of the last of them, 0 where there was none.
+            - `settled`: Whether every lane was driven in full after it
+              (`settling.has_settled`); where not, it is only the last one so far.
+            - `laps_since`: Laps completed after it, by lane.
         """
         last = self.last_lane_loss_step
         since = [

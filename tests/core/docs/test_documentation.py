@@ -22,6 +22,7 @@ from spikelane_controllers import registry
 ROOT = Path(__file__).parents[3]
 PAGES = [
     ROOT / 'README.md',
+    ROOT / 'CHANGELOG.md',
     ROOT / 'CONTRIBUTING.md',
     ROOT / 'controllers/README.md',
     *sorted((ROOT / 'docs').rglob('*.md')),

@@ -119,6 +119,7 @@ def test_a_second_call_does_nothing(machine: Machine) -> None:
     assert machine.calls_of('run') == []
     assert machine.calls_of('view') == ['pip view.txt']
     assert machine.calls_of('learn') == ['pip learn.txt']
+    assert machine.calls_of('docs') == ['pip docs.txt']
     assert machine.calls_of('test') == ['pip test.txt']
     assert machine.calls_of('test') == []
 
@@ -434,7 +435,7 @@ def test_every_version_is_pinned() -> None:
     pins = requirements('constraints.txt')
     assert len(pins) > 200
     assert all(re.fullmatch(r'==[\w.]+', version) for version in pins.values())
-    for name in (WHEELS, 'system-ros.txt', 'run.txt', 'test.txt'):
+    for name in (WHEELS, 'system-ros.txt', 'run.txt', 'docs.txt', 'test.txt'):
         for package, version in requirements(name).items():
             assert version.startswith('==') or package in pins, f'{name}: {package} is not pinned'
             assert not (version and package in pins), f'{name}: {package} is pinned twice'
