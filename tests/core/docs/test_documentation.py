@@ -24,6 +24,7 @@ PAGES = [
     ROOT / 'README.md',
     ROOT / 'CHANGELOG.md',
     ROOT / 'CONTRIBUTING.md',
+    ROOT / 'SECURITY.md',
     ROOT / 'controllers/README.md',
     *sorted((ROOT / 'docs').rglob('*.md')),
 ]

@@ -72,7 +72,12 @@ def test_every_link_leads_somewhere_in_the_site(site: Path, pages: dict[str, Pag
 
 def test_every_page_is_in_the_navigation(pages: dict[str, Page]) -> None:
     """Each is linked from the sidebar of the first page."""
-    files = [ROOT / 'CHANGELOG.md', ROOT / 'CONTRIBUTING.md', ROOT / 'controllers/README.md']
+    files = [
+        ROOT / 'CHANGELOG.md',
+        ROOT / 'CONTRIBUTING.md',
+        ROOT / 'SECURITY.md',
+        ROOT / 'controllers/README.md',
+    ]
     files += (ROOT / 'docs').rglob('*.md')
     assert len(files) > 30
     expected = {str(file.relative_to(ROOT).with_suffix('.html')) for file in files}
