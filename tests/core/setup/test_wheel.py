@@ -52,6 +52,30 @@ assert not {'rclpy', 'torch'} & set(sys.modules)
 print(rewards, file=sys.stderr)
 """
 
+#: The page that Rerun's server shows; what we show in it can be imported.
+VIEWER = """
+from urllib.request import urlopen
+import spikelane.viewer.scene
+from spikelane.viewer.server import ViewerServer
+
+with ViewerServer(0, 0) as server, urlopen(server.url) as page:
+    assert b're_viewer.js' in page.read()
+"""
+#: Deep Q-learning with gradients from the second action on.
+AT_ONCE = [
+    *('--engine', 'kinematic', '--out', 'learnt'),
+    *('--param', 'dqn.q_learning.random_steps=2', '--param', 'dqn.q_learning.batch_size=2'),
+]
+ONE_RUN = """
+name: one
+matrix:
+  - controllers: [braitenberg]
+    scenarios: [1]
+    robots: [kinematic]
+    seeds: 1
+    tasks: {evaluate: {seeds: 1}}
+"""
+
 Run = Callable[..., str]
 
 
@@ -103,6 +127,14 @@ def laps(
             for python in other_pythons
         }
         background.shutdown(cancel_futures=True)
+
+
+@pytest.fixture(scope='module')
+def library(wheel: Path, run_anew: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give an environment with the library and no extras."""
+    folder = tmp_path_factory.mktemp('library')
+    install(run_anew, sys.executable, folder / 'venv', str(wheel), *pinned(folder))
+    return folder / 'venv'
 
 
 def is_lowest(python: str) -> bool:
@@ -202,16 +234,14 @@ def test_each_dependency_has_a_lower_bound(metadata: Message) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1500)
 def test_the_library_does_everything_without_ros(
-    wheel: Path,
+    library: Path,
     here: Path,
     laps: dict[str, Future[Path]],
     run_anew: Run,
     tmp_path: Path,
 ) -> None:
     """The same laps, trainings and rewards to the bit as the checkout; what lacks is told."""
-    programs = install(
-        run_anew, sys.executable, tmp_path / 'venv', f'{wheel}[nir]', *pinned(tmp_path)
-    )
+    programs = library / 'bin'
     command = programs / 'spikelane'
     out = tmp_path / 'runs'
     for name, words in (('lap', LAP), ('physics', PHYSICS_LAP), ('training', TRAINING)):
@@ -226,7 +256,6 @@ def test_the_library_does_everything_without_ros(
     for words in (
         ['report', out],
         ['replay', ROOT / 'tests/data/bag_zstd', '--controller', 'braitenberg'],
-        ['export', 'nir', 'scenario_1', 'lane.nir'],
         ['evaluate', '--engine', 'kinematic'],
         ['experiment', ROOT / 'experiments/rstdp.yaml', '--dry-run'],
         ['course', 'random:3'],
@@ -239,6 +268,39 @@ def test_the_library_does_everything_without_ros(
     said = run_anew(programs / 'python', '-I', '-c', EPISODE, cwd=tmp_path)
     assert json.loads(said) == rewards_here()
     check_errors(command, tmp_path)
+
+
+#: What each extra is for, with the module that it brings: arguments of Python.
+EXTRAS = {
+    'nir': ('nir', ['-m', 'spikelane.main', 'export', 'nir', 'scenario_1', 'lane.nir']),
+    'ray': ('ray', ['-m', 'spikelane.main', 'experiment', 'one.yaml', '--engine', 'ray']),
+    'view': ('rerun', ['-c', VIEWER]),
+    'learn': ('torch', ['-m', 'spikelane.main', 'train', 'dqn', '--steps', '40', *AT_ONCE]),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize('extra', EXTRAS)
+def test_an_extra_brings_what_it_is_for(
+    extra: str, wheel: Path, library: Path, run_anew: Run, tmp_path: Path
+) -> None:
+    """Without it the module is not there; with it, and nothing else, the command does its work.
+
+    The environment is a new one that sees the library's, so that only the extra is installed.
+    """
+    module, arguments = EXTRAS[extra]
+    [base] = library.glob('lib/python3.*/site-packages')
+    run_anew(sys.executable, '-m', 'venv', tmp_path / 'venv')
+    [packages] = tmp_path.glob('venv/lib/python3.*/site-packages')
+    (packages / 'library.pth').write_text(f'import site; site.addsitedir({str(base)!r})')
+    python = tmp_path / 'venv/bin/python'
+    missing = f'import importlib.util; assert importlib.util.find_spec({module!r}) is None'
+    run_anew(python, '-c', missing)
+    pip = [python, '-m', 'pip', 'install', '-q', '--no-compile']
+    run_anew(*pip, f'{wheel}[{extra}]', *pinned(tmp_path))
+    (tmp_path / 'one.yaml').write_text(ONE_RUN)
+    run_anew(python, *arguments, cwd=tmp_path)
 
 
 def rewards_here() -> list[float]:
