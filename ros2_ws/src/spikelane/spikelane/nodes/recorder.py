@@ -15,7 +15,7 @@ and other programs refuse it: `spikelane repair BAG` makes it whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 import datetime
 import functools
 import os
@@ -23,31 +23,25 @@ from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 import rclpy
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 
-from spikelane.bag.recording import NOT_RECORDED, Recording
-from spikelane.bag.schema import collect_schema
+from spikelane.bag.recording import Recording
 from spikelane.bag.writer import BagWriter
 from spikelane.nodes.announcer import Announcer
-from spikelane.nodes.offers import adapted_qos, message_type_of, offered_qos, problems
 from spikelane.nodes.periodic import Periodic
 from spikelane.nodes.publishers import Publishers
+from spikelane.nodes.recorded_topics import RecordedTopics
 from spikelane.nodes.recorder_parameters import parse_facts, RecorderParameters
 from spikelane_sim import topic_names
 from spikelane_sim.errors import BagError, SpikelaneError
-from spikelane_sim.nodes.direct import EVENTS_PERIOD_S, SubscriptionEvents
+from spikelane_sim.nodes.direct import EVENTS_PERIOD_S
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
-from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take_raw
+from spikelane_sim.nodes.rclpy_internals import NotForExecutors
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.sole_publishers import is_sole, SOLE_TOPICS, SolePublishers
 
@@ -56,7 +50,6 @@ _DISCOVERY_PERIOD_S = 0.05
 _SERVICE_PERIOD_S = 0.2
 _CHECK_PERIOD_S = 1.0
 _GRACE_S = 1.0
-_CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
 
 
 class Stop:
@@ -91,20 +84,12 @@ class Recorder(Node):
         if own not in self._listed:  # to record it would be something to tell of again
             self._excluded += (own,)
         self._announcer = Announcer(self, own, self._listed, self._excluded)
-        # The messages are taken by `take`.
-        self._group = NotForExecutors()
-        self._sources = Publishers(self, self.resolve_topic_name('~/published'), self._group)
+        group = NotForExecutors()  # messages are taken by `take`
+        self._sources = Publishers(self, self.resolve_topic_name('~/published'), group)
         self._excluded += (self._sources.topic,)
-        self._events = SubscriptionEvents()
-        self._subscriptions_taken: list[tuple[int, Subscription]] = []  # with the topic's id
-        # Topic name: topic id, 0 for one that cannot be recorded.
-        self._recorded: dict[str, int] = {}
         sole = [name for name in self._listed if is_sole(name)]
         self._sole = SolePublishers(self, sole or SOLE_TOPICS)
         self._is_mixed = False
-        self._profiles: dict[str, Any] = {}
-        self._subscribed: dict[str, Subscription] = {}
-        self._warned: set[tuple[str, str]] = set()
         self._unheard: dict[str, int] = {}  # messages published on topics never subscribed to
         self._writer = BagWriter(
             Path(self._settings.output or _default_output()),
@@ -115,6 +100,9 @@ class Recorder(Node):
         )
         use_sim_time = self.get_parameter('use_sim_time').value
         self._recording = Recording(self._writer, use_sim_time=use_sim_time)
+        self._topics = RecordedTopics(
+            self, self._writer, self._recording, group, self._settings.depth
+        )
         self._needs_clock = use_sim_time
         wanted = ', '.join(self._listed) or 'all topics'
         self.get_logger().info(f'recording to {self._writer.path}, waiting for {wanted}')
@@ -133,7 +121,7 @@ class Recorder(Node):
             Periodic(_DISCOVERY_PERIOD_S, self.discover),
             Periodic(_SERVICE_PERIOD_S, functools.partial(executor.spin_once, timeout_sec=0)),
             Periodic(_CHECK_PERIOD_S, self.check_publishers),
-            Periodic(EVENTS_PERIOD_S, self._events.look),
+            Periodic(EVENTS_PERIOD_S, self._topics.look_at_events),
             Periodic(self._settings.flush_period_s, self._writer.flush),
         ]
         deadline_s = 0.0
@@ -153,55 +141,35 @@ class Recorder(Node):
 
     def take(self) -> None:
         """Write every message that has arrived."""
-        arrivals = []
-        for topic_id, subscription in self._subscriptions_taken:
-            # A publisher that outruns us must not keep us from the others.
-            for _ in range(self._settings.depth):
-                taken = take_raw(subscription)
-                if taken is None:
-                    break
-                data, info = taken
-                arrivals.append(
-                    (
-                        info['received_timestamp'],
-                        topic_id,
-                        info['source_timestamp'],
-                        info['publication_sequence_number'],
-                        data,
-                    )
-                )
+        arrivals = self._topics.take()
         if arrivals:
             self._recording.write(arrivals)
         self._sources.take()
-        met = [name for name, each in self._subscribed.items() if each.get_publisher_count()]
-        self._announcer.announce(self._recording, self._recorded, met, has_caught_up=not arrivals)
+        ids, met = self._topics.ids, self._topics.met
+        self._announcer.announce(self._recording, ids, met, has_caught_up=not arrivals)
 
     def discover(self) -> None:
         """Subscribe to wanted topics that have a publisher now."""
         new = []
         found = dict(self.get_topic_names_and_types())
         for name in found:
-            is_clock = self._needs_clock and name == self._clock_name
-            if name in self._recorded or not (is_clock or self._wants(name)):
+            is_clock, is_wanted = name == self._clock_name, self._wants(name)
+            if name in self._topics.ids or not (is_wanted or (is_clock and self._needs_clock)):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
-            if publishers and self._subscribe(name, found[name], publishers):
+            if publishers and self._topics.subscribe(
+                name, found[name], publishers, is_wanted=is_wanted, is_clock=is_clock
+            ):
                 new.append(name)
         if new:
-            count = len(self._subscriptions_taken)
-            self.get_logger().info(f'recording {count} topics; new: {", ".join(sorted(new))}')
+            self.get_logger().info(
+                f'recording {len(self._topics)} topics; new: {", ".join(sorted(new))}'
+            )
 
     def check_publishers(self) -> None:
         """Warn of publishers that are too many, or that a subscription does not suit."""
         self._is_mixed |= self._sole.look()
-        for name, topic_id in self._recorded.items():
-            if topic_id == NOT_RECORDED:
-                continue
-            publishers = self.get_publishers_info_by_topic(name)
-            if len(publishers) > 1:
-                self._recording.watch_losses(topic_id, has_one_publisher=False)
-            for problem in problems(self._profiles[name], publishers):
-                self._warn_once(name, problem)
+        self._topics.check_publishers()
 
     def finish(self) -> bool:
         """Write what has arrived, close the bag and say what is in it.
@@ -214,17 +182,17 @@ class Recorder(Node):
             BagError: The disk is full; the bag is closed.
         """
         self.take()
-        self._events.look()
+        self._topics.look_at_events()
         self._recording.end()
         self._writer.close()
         self._compare()
         count = self._writer.message_count
-        topics = sum(topic_id != NOT_RECORDED for topic_id in self._recorded.values())
         lost = self._recording.lost_count + sum(self._unheard.values())
         self.get_logger().info(
-            f'recorded {count} messages of {topics} topics to {self._writer.path}, {lost} lost'
+            f'recorded {count} messages of {self._topics.recorded_count} topics to '
+            f'{self._writer.path}, {lost} lost'
         )
-        missing = [name for name in self._listed if name not in self._recorded]
+        missing = [name for name in self._listed if name not in self._topics.ids]
         if missing:
             self.get_logger().warning(f'never published: {", ".join(missing)}')
         self._remove_if_empty()
@@ -251,87 +219,32 @@ class Recorder(Node):
     def _report_lost(self) -> bool:
         """Name the topics that lost messages; return whether none of them is reliable."""
         lost = self._recording.lost
-        counts = {name: lost[of] for name, of in self._recorded.items() if of in lost}
+        counts = {name: lost[of] for name, of in self._topics.ids.items() if of in lost}
         counts |= {name: count for name, count in self._unheard.items() if count}
         if not counts:
             return True
         told = ', '.join(f'{name} {count}' for name, count in counts.items())
         text = f'messages lost: {told}'
         # Who offers a topic as best effort puts up with losses.
-        if all(self._is_best_effort(name) for name in counts):
+        if all(self._topics.is_best_effort(name) for name in counts):
             self.get_logger().warning(text)
             return True
         self.get_logger().error(text)
         return False
 
-    def _is_best_effort(self, name: str) -> bool:
-        profile = self._profiles.get(name)
-        return profile is not None and profile.reliability != ReliabilityPolicy.RELIABLE
-
     def _compare(self) -> None:
         """Compare what was recorded with what was published, as far as the publishers said so."""
         for name, first, last in self._sources.published():
-            if name in self._recorded:
-                self._recording.compare(self._recorded[name], first, last)
+            if name in self._topics.ids:
+                self._recording.compare(self._topics.ids[name], first, last)
             else:
                 self._unheard[name] = last - first + 1
-
-    def _subscribe(self, name: str, type_names: Sequence[str], publishers: Sequence[Any]) -> bool:
-        type_name = publishers[0].topic_type
-        message_type = message_type_of(type_name)
-        if len(type_names) > 1 or message_type is None:
-            self._recorded[name] = NOT_RECORDED
-            reason = f'its type {type_name} is not installed'
-            if len(type_names) > 1:
-                reason = f'it has several types: {", ".join(type_names)}'
-            self._warn_once(name, f'is not recorded: {reason}')
-            return False
-        offers = [offered_qos(publisher.qos_profile) for publisher in publishers]
-        topic_id = NOT_RECORDED
-        if self._wants(name):
-            topic_id = self._add_topic(name, type_name, publishers[0], offers)
-        if name == self._clock_name and type_name == _CLOCK_TYPE:
-            self._recording.follow_clock(topic_id)
-        profile = adapted_qos(offers, self._settings.depth)
-        subscription = self.create_subscription(
-            message_type,
-            name,
-            _ignore,
-            profile,
-            callback_group=self._group,
-            event_callbacks=SubscriptionEventCallbacks(
-                message_lost=lambda lost: self._recording.report_lost(topic_id, lost.total_count)
-            ),
-            raw=True,
-        )
-        self._events.add(subscription)
-        self._subscriptions_taken.append((topic_id, subscription))
-        self._profiles[name] = profile
-        self._subscribed[name] = subscription
-        self._recorded[name] = topic_id
-        return True
-
-    def _add_topic(self, name: str, type_name: str, publisher: Any, offers: Sequence[Any]) -> int:
-        schema = collect_schema(type_name, _share_folder)
-        if not schema.text:
-            self._warn_once(name, f'is recorded without the definition of {type_name}')
-        type_hash = str(publisher.topic_type_hash)
-        if not type_hash.startswith('RIHS01_'):
-            type_hash = ''
-        topic_id = self._writer.add_topic(name, type_name, schema, type_hash, offers)
-        self._recording.watch_losses(topic_id, has_one_publisher=len(offers) == 1)
-        return topic_id
 
     def _wants(self, name: str) -> bool:
         if name in self._excluded:
             return False
         # As `ros2 bag record --all`: hidden topics only where they are listed.
         return name in self._listed if self._listed else '/_' not in name
-
-    def _warn_once(self, name: str, problem: str) -> None:
-        if (name, problem) not in self._warned:
-            self._warned.add((name, problem))
-            self.get_logger().warning(f'{name} {problem}')
 
     def _resolve(self, names: Iterable[str]) -> tuple[str, ...]:
         # YAML and the command line of ROS know no empty list: [''] stands for it.
@@ -385,16 +298,8 @@ def _record(stop: Stop) -> int:
     return 0
 
 
-def _ignore(_: bytes) -> None:
-    """Stand in for a callback; messages are taken, not called back."""
-
-
 def _default_output() -> str:
     return datetime.datetime.now().strftime('rosbag2_%Y_%m_%d-%H_%M_%S')
-
-
-def _share_folder(package: str) -> Path:
-    return Path(get_package_share_directory(package))
 
 
 if __name__ == '__main__':
