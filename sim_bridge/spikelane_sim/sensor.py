@@ -60,6 +60,20 @@ class ReceivedPacket(NamedTuple):
     height: int  # [px]
     is_bigendian: bool = False
 
+    def decoded_by(self, decode: Callable[..., DecodedPacket]) -> DecodedPacket:
+        """Return what it holds.
+
+        Args:
+            decode: `codecs.decode_packet`, or the method of that name of a `Decoder`.
+
+        Raises:
+            PacketError: It cannot be decoded.
+        """
+        size = self.width, self.height
+        return decode(
+            self.encoding, self.data, self.stamp_ns, self.time_base_ns, *size, self.is_bigendian
+        )
+
 
 class Sensor:
     """Makes steps of one camera's packets, as the module says.
@@ -282,15 +296,7 @@ class Sensor:
     ) -> DecodedPacket | None:
         """Return what a packet holds, None where it cannot be decoded."""
         try:
-            decoded = decode(
-                packet.encoding,
-                packet.data,
-                packet.stamp_ns,
-                packet.time_base_ns,
-                packet.width,
-                packet.height,
-                packet.is_bigendian,
-            )
+            decoded = packet.decoded_by(decode)
         except PacketError as error:
             self._note_fault(str(error))
             return None

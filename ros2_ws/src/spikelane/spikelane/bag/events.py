@@ -34,15 +34,7 @@ def recorded_events(drive: RecordedDrive) -> RecordedEvents:
     for recorded in drive.packets():
         packet = recorded.packet
         try:
-            decoded = decoder.decode_packet(
-                packet.encoding,
-                packet.data,
-                packet.stamp_ns,
-                packet.time_base_ns,
-                packet.width,
-                packet.height,
-                packet.is_bigendian,
-            )
+            decoded = packet.decoded_by(decoder.decode_packet)
         except PacketError:
             continue
         if size not in (None, (packet.width, packet.height)):
