@@ -105,7 +105,7 @@ def train(
 
     Args:
         config: What to train.
-        folder: Where checkpoints go.
+        folder: Where checkpoints go, and over ROS logs and node parameters.
         show: Called after every step, over ROS about once a second.
         resume: Whether to go on from the folder's checkpoint.
         viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.

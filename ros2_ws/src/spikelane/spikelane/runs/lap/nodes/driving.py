@@ -67,12 +67,7 @@ def drive_lap_over_ros(
 ) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
 
-    Args:
-        config: What to drive.
-        folder: Where bag, logs and node parameters go.
-        show: Called about once a second.
-        viewer: Parameters of a viewer that is to watch; None: there is none.
-        record: Quantities that the controller is to record.
+    The arguments are those of `spikelane.runs.lap.run.drive`.
 
     Raises:
         SpikelaneError: A node ended or fell silent, or the recording is not complete.

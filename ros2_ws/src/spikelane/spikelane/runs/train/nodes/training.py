@@ -27,12 +27,7 @@ def train_over_ros(
 ) -> Training:
     """Train with simulator and controller as processes.
 
-    Args:
-        config: What to train.
-        folder: Where checkpoints, logs and node parameters go.
-        show: Called about once a second.
-        resume: Whether to go on from the folder's checkpoint.
-        viewer: Parameters of a viewer that is to watch; None: there is none.
+    The arguments are those of `spikelane.runs.train.run.train`.
 
     Returns:
         The training as its last checkpoint has it.
