@@ -17,14 +17,10 @@ from numpy.typing import NDArray
 from spikelane_benches.unavailable import BenchmarkUnavailableError
 from spikelane_controllers.spiking.network import DelayParameters
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
-from spikelane_controllers.spiking.plasticity import (
-    PlasticNetwork,
-    resting_plastic_state,
-    synapse_rule,
-    SynapseParameters,
-)
+from spikelane_controllers.spiking.plasticity import PlasticNetwork, resting_plastic_state
 from spikelane_controllers.spiking.poisson import poisson_spikes
 from spikelane_controllers.spiking.spikes import GRID_STEPS, Spikes
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters
 from spikelane_sim.errors import SpikelaneError
 
 NEST_VERSION = '3.10.0'

@@ -40,8 +40,6 @@ from spikelane_controllers.spiking.plasticity import (
     PlasticNetwork,
     PlasticState,
     resting_plastic_state,
-    synapse_rule,
-    SynapseParameters,
 )
 from spikelane_controllers.spiking.poisson import (
     check_spikes,
@@ -64,6 +62,7 @@ from spikelane_controllers.spiking.steering import (
     steer,
     SteeringParameters,
 )
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking.plasticity import PlasticState, SynapseRule
+from spikelane_controllers.spiking.plasticity import PlasticState
+from spikelane_controllers.spiking.synapse import SynapseRule
 from spikelane_sim.errors import CheckpointError
 
 

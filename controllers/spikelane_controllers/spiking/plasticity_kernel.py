@@ -32,7 +32,7 @@ SYNAPSE_DTYPE = np.dtype(
     ]
 )
 
-#: What synapses have in common, made by `plasticity.synapse_rule`.
+#: What synapses have in common, made by `synapse.synapse_rule`.
 RULE_DTYPE = np.dtype(
     [
         ('a_plus', '<f8'),

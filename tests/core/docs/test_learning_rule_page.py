@@ -12,13 +12,9 @@ import pytest
 
 from spikelane_controllers.spiking.network import DelayParameters
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
-from spikelane_controllers.spiking.plasticity import (
-    resting_plastic_state,
-    run_plastic_network,
-    synapse_rule,
-    SynapseParameters,
-)
+from spikelane_controllers.spiking.plasticity import resting_plastic_state, run_plastic_network
 from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / 'docs/learning_rule.md').read_text('utf-8')

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
-from spikelane_controllers.spiking.plasticity import SynapseParameters
+from spikelane_controllers.spiking.synapse import SynapseParameters
 from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.events import make_events, no_events

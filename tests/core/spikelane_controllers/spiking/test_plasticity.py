@@ -17,11 +17,9 @@ from spikelane_controllers.spiking.plasticity import (
     PlasticState,
     resting_plastic_state,
     run_plastic_network,
-    synapse_rule,
-    SynapseParameters,
-    SynapseRule,
 )
 from spikelane_controllers.spiking.spikes import GRID_STEPS, no_spikes, SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters, SynapseRule
 from spikelane_sim.errors import ParameterError
 
 CONSTANTS = neuron_constants(NeuronParameters())

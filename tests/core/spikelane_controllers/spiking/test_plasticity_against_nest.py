@@ -13,13 +13,9 @@ import pytest
 
 from spikelane_controllers.spiking.network import DelayParameters
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
-from spikelane_controllers.spiking.plasticity import (
-    resting_plastic_state,
-    run_plastic_network,
-    synapse_rule,
-    SynapseParameters,
-)
+from spikelane_controllers.spiking.plasticity import resting_plastic_state, run_plastic_network
 from spikelane_controllers.spiking.spikes import SPIKE_DTYPE
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters
 
 NETWORKS = 24
 NEURONS = 2

@@ -13,13 +13,9 @@ from spikelane_controllers.registry import make_controller
 from spikelane_controllers.shown import Shown
 from spikelane_controllers.spiking.network import DelayParameters, resting_state, run_network
 from spikelane_controllers.spiking.neuron import neuron_constants, NeuronParameters
-from spikelane_controllers.spiking.plasticity import (
-    PlasticNetwork,
-    resting_plastic_state,
-    synapse_rule,
-    SynapseParameters,
-)
+from spikelane_controllers.spiking.plasticity import PlasticNetwork, resting_plastic_state
 from spikelane_controllers.spiking.poisson import poisson_spikes
+from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameters
 from spikelane_sim.contract import (
     controller_rng,
     LaneState,
