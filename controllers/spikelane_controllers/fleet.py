@@ -28,7 +28,7 @@ class Journey(NamedTuple):
         wanted: How many observations to answer, (n_robots,).
         taken: How many were answered that did not end the episode, (n_robots,).
         has_ended: Whether the last one answered ended the episode, (n_robots,).
-        distance_m: Of the last observation that was answered and did not end it, (n_robots,).
+        distance_m: Distance in the last answered observation that did not end it, (n_robots,).
         answers: Wheel velocities [rad/s], (n_robots, room, 2).
         places: Where each of those observations was made, with `PLACE_COLUMNS`,
             (n_robots, room, 4); (n_robots, 0, 4) where it is not wanted.
@@ -88,7 +88,7 @@ class ControllerFleet(Protocol):
             first: First of the robots.
             last: The robot after the last one.
             journey: What they are to do; rows first to last change.
-            scratch: Of this thread, from `make_scratch`.
+            scratch: Scratch arrays of this thread, from `make_scratch`.
         """
 
 

@@ -45,8 +45,8 @@ def fires_always(
         background: Linear intensity, from 0 to 1.
         floor: The same.
         marking: The same.
-        threshold: Of `CoppeliaParameters`.
-        dark_intensity: Of `CoppeliaParameters`.
+        threshold: That of `CoppeliaParameters`.
+        dark_intensity: That of `CoppeliaParameters`.
     """
     # The camera's images are float32, the comparison is float64.
     values = [float(np.float32(each)) for each in (background, floor, marking)]
@@ -62,9 +62,9 @@ def unpack(planes: Planes, width: int, intensities: tuple[float, float, float]) 
     """Return the image that planes stand for, (height, width).
 
     Args:
-        planes: Of one image, (2, height, words).
+        planes: Bit planes of one image, (2, height, words).
         width: Columns of the image [px].
-        intensities: Of background, floor and marking.
+        intensities: Intensities of background, floor and marking.
     """
     bits = np.unpackbits(planes.view(np.uint8), axis=-1, bitorder='little')[..., :width]
     background, floor, marking = (np.float32(each) for each in intensities)
@@ -175,7 +175,7 @@ def fire_planes(  # type: ignore[no-untyped-def]
     Args:
         before: The last image, (2, height, words).
         now: This image; `before` becomes it.
-        intensities: Of background, floor and marking, (3,).
+        intensities: Intensities of background, floor and marking, (3,).
         t_ns: Time of the events.
         events: Room for one event of each pixel.
     """

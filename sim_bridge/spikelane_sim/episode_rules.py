@@ -117,7 +117,7 @@ def _reason_to_end(limits: Any, distance_m: float, laps: int, step: int, idle_st
         limits: The fields of `EpisodeParameters`.
         distance_m: Distance from the lane's centre, not negative.
         laps: Completed.
-        step: Of the episode.
+        step: Number of the step in the episode.
         idle_steps: Steps since the robot last made progress.
     """
     if limits.max_distance_m > 0.0 and distance_m > limits.max_distance_m:

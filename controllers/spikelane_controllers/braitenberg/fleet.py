@@ -30,10 +30,10 @@ class _Networks(NamedTuple):
     """The networks; rows are robots.
 
     Attributes:
-        neurons: Of NEURON_DTYPE, (n_robots, 2).
+        neurons: States of the neurons, of NEURON_DTYPE, (n_robots, 2).
         flying: Spikes on their way, (n_robots, room).
         n_flying: How many of them count, (n_robots,).
-        weights_pa: Of all robots, (2, n_inputs).
+        weights_pa: Weights of all robots, (2, n_inputs).
         constants: The neurons'.
         delay: From an input to a neuron [grid steps].
         lowest_rows: Rows of cells that excite the neurons.

@@ -63,8 +63,8 @@ class ShownPublishers:
         """Send what the controller shows of its last step.
 
         Args:
-            stamp: Of the observation answered.
-            lane: Of that observation.
+            stamp: Stamp of the observation that was answered.
+            lane: Lane state of that observation.
             again: Send it to those that have missed it.
         """
         for publisher, make in self._sent:

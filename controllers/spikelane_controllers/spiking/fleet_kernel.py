@@ -34,7 +34,7 @@ class Motors(NamedTuple):
         steering: From spikes to wheels.
         counts: Events in each cell in the observation to be answered, (n_robots, rows, columns).
         smoothed: Fields of `SteeringState`, (n_robots, 2).
-        spikes: Of the left and the right neuron in the last step, (n_robots, 2).
+        spikes: Spikes of the left and the right neuron in the last step, (n_robots, 2).
         chance: Addresses of the generators that inputs are drawn from, (n_robots,).
     """
 

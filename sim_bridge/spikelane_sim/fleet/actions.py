@@ -19,7 +19,7 @@ class Cells(NamedTuple):
 
     Attributes:
         crop_top: Rows of pixels left out at the top.
-        side: Of a cell [px].
+        side: Side of a cell [px].
         frames: Last steps that count.
         counts: Events of the last step, (n_robots, rows, columns).
         last_seen: Steps of the robot's life when each cell last had an event, 0 for never,
@@ -149,7 +149,7 @@ def event_images(places: Places, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
     Args:
         places: Where events were.
-        shape: Of the image: polarities, height and width.
+        shape: Shape of the image: polarities, height and width.
     """
     images = np.zeros((len(places.oldest), *shape), np.uint8)
     _draw(places, images.reshape(len(images), -1))

@@ -51,7 +51,7 @@ def generator_at(typing_context: Any, template: Any, address: Any) -> Any:
     Args:
         typing_context: Numba's.
         template: A generator of the same kind.
-        address: Of the state, as `Generators.addresses` has it; never 0.
+        address: Address of the state, as `Generators.addresses` has it; never 0.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -66,12 +66,12 @@ class Robots(NamedTuple):
     """What changes; rows are robots.
 
     Attributes:
-        known: Of `ROBOT_DTYPE`, (n_robots,).
+        known: Records of `ROBOT_DTYPE`, (n_robots,).
         motion: x, y [m], heading [rad], v [m/s], w [rad/s] and the wheels' angles [rad],
             (n_robots, 7).
-        poses: Of the body at the end of the last step, (n_robots, 1, 7).
+        poses: Poses of the body at the end of the last step, (n_robots, 1, 7).
         planes: What was seen last, (n_robots, 2, height, words); of no size without bit planes.
-        reference: Of the pixels, (n_robots, height * width); of no size with bit planes.
+        reference: Reference of the pixels, (n_robots, height * width); empty with bit planes.
         change: The same.
         commands: On their way to the robots [rad/s], (n_robots, latency_steps, 2).
         noise: Addresses of the generators that noise comes from, (n_robots,).

@@ -56,7 +56,7 @@ class SimulatorFleet:
     (`kernel.simulate`); here robots are reset and asked for what they know.
 
     Attributes:
-        parameters: Of all robots but for their courses.
+        parameters: Parameters of all robots, except their courses.
         world: What the robots share.
         robots: What changes.
         noise: The generators of the pixels' noise.
@@ -74,7 +74,7 @@ class SimulatorFleet:
 
         Args:
             n_robots: How many, at least 1.
-            parameters: Of all robots; None for the defaults.
+            parameters: Parameters of all robots; None for the defaults.
             courses: Each robot's own, as `SimulatorParameters.course`; None for the parameters'.
 
         Raises:

@@ -44,13 +44,13 @@ class World(NamedTuple):
 
     Attributes:
         pieces: Markings, with the columns of `raster`, (n_pieces, 26).
-        first_piece: Of each course, and where the last one's end, (n_courses + 1,).
+        first_piece: First piece of each course, and the end of the last one's, (n_courses + 1,).
         curves: Centres of lanes, with the columns of `curve`, (n_segments, 8).
-        first_segment: Of each lane, and where the last one's end, (n_lanes + 1,).
-        first_lane: Of each course, and where the last one's end, (n_courses + 1,).
-        lengths_m: Of the lanes, (n_lanes,).
+        first_segment: First segment of each lane, and the end of the last one's, (n_lanes + 1,).
+        first_lane: First lane of each course, and the end of the last one's, (n_courses + 1,).
+        lengths_m: Lengths of the lanes, (n_lanes,).
         starts: x, y [m] and heading [rad] where robots start on the lanes, (n_lanes, 3).
-        intensities: Of background, floor and marking on each course, (n_courses, 3).
+        intensities: Intensities of background, floor and marking on each course, (n_courses, 3).
         lens: The camera, with the columns of `raster`, (12,).
         n_rows: Scanlines per row of pixels.
         width: Columns of the image [px].
@@ -62,7 +62,7 @@ class World(NamedTuple):
         substeps: Steps of the physics in a step of 50 ms.
         max_wheel_velocity_rad_s: The robot's limit.
         limits: When an episode ends.
-        threshold: Of the pixels, as are the next two.
+        threshold: Parameter of the pixels, as are the next two.
         dark_intensity: See `CoppeliaParameters`.
         noise_rate_hz: See `CoppeliaParameters`.
         event_loss: Share of events that are lost.
@@ -99,7 +99,7 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
     """Return what the robots of a fleet share.
 
     Args:
-        parameters: Of the simulation; its course has no effect.
+        parameters: Parameters of the simulation; its course has no effect.
         courses: On which the robots drive, at least one.
 
     Raises:

@@ -146,7 +146,7 @@ class UrdfTree:
 
         Args:
             link: Name of the link.
-            pose: Of its frame in that of the result.
+            pose: Pose of its frame in that of the result.
 
         Raises:
             ParameterError: A number is missing.
@@ -170,7 +170,7 @@ class UrdfTree:
 
         Args:
             link: Name of the link.
-            pose: Of its frame in that of the result.
+            pose: Pose of its frame in that of the result.
         """
         for collision in self._links[link].iterfind('collision'):
             for shape in collision.iterfind('geometry/*'):

@@ -12,7 +12,7 @@ import pytest
 from spikelane.main import run
 
 ROOT = Path(__file__).parents[3]
-#: Of these, `max_steps` ends a drive early on purpose, and `runs/` is what another command left.
+#: `max_steps` ends a drive early on purpose, and `runs/` is what another command left.
 NO_LAPS = ('episode.max_steps=', '--checkpoint runs/')
 LAP = re.compile(r'^(?:\./spikelane|ros2 run spikelane spikelane) lap\b(.*)', re.M)
 

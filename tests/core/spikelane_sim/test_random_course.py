@@ -13,7 +13,7 @@ from spikelane_sim.errors import CourseError
 from spikelane_sim.random_course import draw_records, expand_courses
 
 N = 200
-#: Of random:7: widths of lane and dash, intensities, the first straight and the turn after it.
+#: What random:7 has: widths of lane and dash, intensities, the first straight and the next turn.
 PINNED = (
     0.534,
     0.29,

@@ -32,7 +32,7 @@ class LaneNetwork(torch.nn.Module):
 
         Args:
             counts: Events in each cell, (batch, INPUTS).
-            state: Of the network after the step before; None before the first one.
+            state: State of the network after the step before; None before the first one.
 
         Returns:
             By how much the left wheel is to be faster than the mean [rad/s], (batch, 1), and the

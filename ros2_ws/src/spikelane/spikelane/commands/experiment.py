@@ -193,7 +193,7 @@ def summary(results: Mapping[str, Any], root: Path) -> str:
     for group in results['groups']:
         place = [str(value) for name, value in group.items() if isinstance(value, str)]
         seeds = len(group['seeds'])
-        # Of laps, what was driven: one run of an evaluation can have many seeds.
+        # Laps are described by what was driven: one run of an evaluation can have many seeds.
         units = units_in_words(group['laps']['all']) if 'laps' in group else counted(seeds, 'seed')
         text = f'{" ".join(place)}, {units}'
         if 'laps' in group:

@@ -99,7 +99,7 @@ class RecordingFile:
             stamp_ns: Simulation time at its end [ns].
             episode: Number of the episode.
             episode_step: Steps since the reset.
-            samples: Of every quantity.
+            samples: Samples of every quantity.
 
         Raises:
             ParameterError: A sample is missing, or has another shape than its quantity.

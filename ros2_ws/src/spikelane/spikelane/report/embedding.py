@@ -17,7 +17,7 @@ class Embedded(NamedTuple):
     """A figure for a page that needs no other file.
 
     Attributes:
-        name: Of its files, without an ending.
+        name: Name of its files, without an ending.
         caption: What it shows.
         drawing: An `svg` element, '' for a picture.
         picture: Address of a picture, '' for a drawing.
