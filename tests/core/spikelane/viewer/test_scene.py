@@ -22,11 +22,11 @@ STEP_NS = 50_000_000
 class Shown:
     """A scene that goes to a file, and what is in it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, is_recorded: bool = False) -> None:
         self._file = folder / 'scene.rrd'
         self.recording = rerun.RecordingStream('spikelane', recording_id='test')
         self.recording.save(self._file)
-        self.scene = Scene(self.recording)
+        self.scene = Scene(self.recording, is_recorded=is_recorded)
 
     def read(self, entity: str, component: str) -> dict[float | None, Any]:
         """Return the values of a component by simulation time [s], None for all times."""
@@ -113,6 +113,57 @@ def test_numbers_are_shown_over_simulation_time(shown: Shown) -> None:
     assert shown.read('/controller/spikes/left', scalars) == {0.05: [3], 0.1: [4]}
     assert shown.read('/controller/spikes/right', scalars) == {0.05: [5], 0.1: [6]}
     assert shown.read('/controller/reward', scalars) == {0.1: [0.5]}
+
+
+def cleared(shown: Shown, entity: str) -> list[float | None]:
+    """Return when a curve breaks [s]."""
+    return [round(time or 0.0, 6) for time in shown.read(entity, 'Clear:is_recursive')]
+
+
+def test_curves_break_where_samples_lack(shown: Shown) -> None:
+    """After a second without any, and with each new episode, half a step after the last sample."""
+    for step, episode in ((1, 1), (21, 1), (42, 1), (43, 2)):
+        shown.scene.show_lane(step * STEP_NS, lane(0.1, episode))
+    shown.scene.show_controller(STEP_NS, ['left'], [3], math.nan)
+    shown.scene.show_controller(60 * STEP_NS, ['left'], [4], math.nan)
+    assert cleared(shown, '/lane/distance') == [1.075, 2.125]
+    assert cleared(shown, '/controller/spikes/left') == [0.075]
+
+
+def test_one_lacking_step_breaks_the_curves_of_a_recording(tmp_path: Path) -> None:
+    """There every step is sent."""
+    shown = Shown(tmp_path, is_recorded=True)
+    for step in (1, 2, 4):
+        shown.scene.show_lane(step * STEP_NS, lane(0.1, 1))
+    assert cleared(shown, '/lane/distance') == [0.125]
+
+
+def test_the_path_has_no_line_where_nobody_looked(shown: Shown) -> None:
+    """A metre and more of it is missing: a piece of its own begins."""
+    for second, x_m in ((1, 3.0), (2, 3.3), (20, 5.0), (21, 5.3)):
+        shown.scene.show_robot(second * 20 * STEP_NS, x_m, 0.25, 0.0)
+    [*_, pieces] = shown.read('/course/path', 'LineStrips2D:strips').values()
+    assert [np.round(piece, 2)[:, 0].tolist() for piece in pieces] == [[3.0, 3.3], [5.0, 5.3]]
+
+
+@pytest.mark.parametrize('first', ['weights', 'names'])
+def test_the_weights_of_each_neuron_have_its_name(shown: Shown, first: str) -> None:
+    """Above the middle of its half, whichever is known first."""
+
+    def name() -> None:
+        shown.scene.show_controller(STEP_NS, ['left', 'right'], [3, 5], math.nan)
+
+    if first == 'names':
+        name()
+    shown.scene.show_weights(STEP_NS, 'weights', np.arange(64.0).reshape(2, 32))
+    if first == 'weights':
+        name()
+    entity = '/controller/weights/weights/neurons'
+    [labels] = shown.read(entity, 'Points2D:labels').values()
+    [places] = shown.read(entity, 'Points2D:positions').values()
+    assert labels == ['left neuron', 'right neuron']
+    assert [x for x, _ in places] == [4.0, 13.0]
+    assert all(y < 0 for _, y in places)
 
 
 def test_weights_are_a_picture(shown: Shown) -> None:

@@ -43,6 +43,9 @@ DEFINITIONS = {
         'std_msgs/Header header\nstring controller\nuint32 episode\nuint32 step\nint32 action\n'
         'float64 reward\nstring[] neurons\nuint32[] spikes\nbool learning\n'
     ),
+    'spikelane_msgs/msg/Weights': (
+        'std_msgs/Header header\nstring name\nuint32[] shape\nstring unit\nfloat32[] data\n'
+    ),
     'spikelane_msgs/msg/WheelVelocities': (
         'std_msgs/Header header\nfloat64 left\nfloat64 right\n'
     ),

@@ -1,15 +1,18 @@
-"""`spikelane view`: show in the browser what a robot does."""
+"""`spikelane view`: show in the browser what a robot does, or did in a recorded bag."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
+from pathlib import Path
 import signal
 import sys
 import time
 from typing import Any
 
+from spikelane.bag.drive import RecordedDrive
 from spikelane.executables import find_executable, node_command
 from spikelane.interruption import hand_over, Interrupted
 from spikelane.requirements import require
@@ -25,17 +28,38 @@ from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import drive, report_lap
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train_and_report
-from spikelane.viewer.server import GRPC_PORT, ViewerServer, WEB_PORT
+from spikelane.viewer.server import BAG_MEMORY_MB, GRPC_PORT, ViewerServer, WEB_PORT
 from spikelane_controllers.registry import controller_names, training_card, training_names
 from spikelane_sim.errors import ParameterError
 
 _CHECK_PERIOD_S = 0.2
+_SENDING_S = 120.0  # until all of a bag is sent
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.epilog = (
-        'Without --controller it shows the nodes that run, those of --domain and --namespace.'
+        'Without BAG and --controller it shows the nodes that run, those of --domain and '
+        '--namespace. A bag can be played, paused and sought in; it needs no ROS.'
+    )
+    parser.add_argument(
+        'bag',
+        nargs='?',
+        type=Path,
+        metavar='BAG',
+        help="show a recorded drive or a real event camera's recording: a bag's folder, one of "
+        'its files, or the folder of a recorded lap',
+    )
+    parser.add_argument(
+        '--events',
+        metavar='TOPIC',
+        help="topic of a bag's event packets (default: /event_camera/events, or the only one)",
+    )
+    parser.add_argument(
+        '--start',
+        type=float,
+        metavar='S',
+        help='show a bag from this time on, in seconds after its first step (default: 0)',
     )
     parser.add_argument(
         '--controller',
@@ -77,6 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'port of the data that the page shows; 0: any (default: {GRPC_PORT})',
     )
     add_configuration_arguments(parser, out='runs/lap-... or runs/train-...')
+    parser.set_defaults(scenario=None)  # a bag says its own
 
 
 def run(options: argparse.Namespace) -> int:
@@ -93,6 +118,11 @@ def run(options: argparse.Namespace) -> int:
     check_number('--port', options.port, 0, 65_535)
     check_number('--data-port', options.data_port, 0, 65_535)
     check_number('--domain', options.domain, 0, 232)
+    if options.bag is not None:
+        return _show_bag(options)
+    if options.events is not None or options.start is not None:
+        raise ParameterError('--events, --start: expected together with a bag')
+    options.scenario = options.scenario or '1'
     if not options.controller:
         return _become_viewer(options)
     if options.train and (options.checkpoint or options.lane):
@@ -115,10 +145,52 @@ def run(options: argparse.Namespace) -> int:
             said = json.dumps(result) if options.json else f'results: {result["folder"]}'
             print(said, flush=True)
             if not options.once:
-                print('all of it can be played there again; Ctrl-C ends', file=sys.stderr)
-                while True:
-                    server.check()
-                    time.sleep(_CHECK_PERIOD_S)
+                _wait(server)
+    except Interrupted as interrupted:
+        if interrupted.number != signal.SIGINT:
+            raise
+    return 0
+
+
+def _wait(server: ViewerServer) -> None:
+    """Wait for Ctrl-C, while the page is looked at."""
+    print('all of it can be played there again; Ctrl-C ends', file=sys.stderr)
+    while True:
+        server.check()
+        time.sleep(_CHECK_PERIOD_S)
+
+
+def _show_bag(options: argparse.Namespace) -> int:
+    """Show a recorded drive."""
+    from spikelane.viewer.playback import bag_of, play
+    from spikelane.viewer.scene import connect, Scene
+
+    for name in ('controller', 'train', 'checkpoint', 'lane', 'domain', 'namespace', 'steps'):
+        if getattr(options, name):
+            raise ParameterError(f'--{name}: expected no bag together with it')
+    start_s = options.start or 0.0
+    if not 0.0 <= start_s < math.inf:
+        raise ParameterError(f'--start: expected seconds from 0 on, got {start_s}')
+    drive = RecordedDrive(bag_of(options.bag), options.events)
+    try:
+        with ViewerServer(options.port, options.data_port, BAG_MEMORY_MB) as server:
+            print(f'open {server.url} in a browser', file=sys.stderr)
+            scene = Scene(connect(server.address), is_recorded=True)
+            try:
+                played = play(drive, scene, scenario=options.scenario, start_s=start_s)
+            finally:
+                scene.close(_SENDING_S)
+            for note in played.notes:
+                print(f'{options.bag}: {note}', file=sys.stderr)
+            result = {'bag': str(options.bag), **played._asdict()}
+            print(
+                json.dumps(result)
+                if options.json
+                else f'bag: {options.bag}, {played.steps} steps, {played.duration_s:.1f} s',
+                flush=True,
+            )
+            if not options.once:
+                _wait(server)
     except Interrupted as interrupted:
         if interrupted.number != signal.SIGINT:
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 import numpy as np
@@ -80,6 +81,29 @@ def weights_picture(weights: NDArray[np.floating]) -> Floats:
         first = k * (columns + _GAP)
         picture[:, first : first + columns] = block
     return picture
+
+
+def block_middles(weights: NDArray[np.floating]) -> list[float]:
+    """Return the middle column of each neuron's weights in `weights_picture`.
+
+    Empty for arrays that it does not lay out side by side.
+    """
+    columns = weights_picture(weights).shape[1]
+    n = len(weights)
+    side_by_side = weights.ndim == 3 or (weights.ndim == 2 and weights.shape[1] == _CELLS)
+    if not side_by_side:
+        return []
+    width = (columns + _GAP) // n - _GAP
+    return [k * (width + _GAP) + width / 2 for k in range(n)]
+
+
+def png(image: Image) -> bytes:
+    """Return an image as a PNG file; black, of which the camera's are full, takes no room."""
+    import PIL.Image
+
+    buffer = io.BytesIO()
+    PIL.Image.fromarray(image).save(buffer, 'png', compress_level=1)
+    return buffer.getvalue()
 
 
 def in_colour(picture: Floats, colour_map: str = 'viridis') -> Image:

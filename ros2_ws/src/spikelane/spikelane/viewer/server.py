@@ -25,6 +25,7 @@ HOST = '127.0.0.1'
 WEB_PORT = 9090  # Rerun's own
 GRPC_PORT = 9876
 MEMORY_MB = 512
+BAG_MEMORY_MB = 2048  # more than `playback.MOST_BYTES`
 
 _NAME = 'rerun'
 _START_DEADLINE_S = 60.0
