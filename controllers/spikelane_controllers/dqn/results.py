@@ -15,6 +15,8 @@ from spikelane_controllers.dqn.training import Outcome
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.learning.results import (
     Figure,
+    first_stable,
+    IN_A_ROW,
     Measure,
     NothingToDrawError,
     Time,
@@ -23,8 +25,6 @@ from spikelane_controllers.learning.results import (
 from spikelane_controllers.learning.training import Termination
 from spikelane_controllers.saved_state import mapping, number, records
 from spikelane_sim.contract import STEP_S, TERMINATED_STEP_LIMIT
-
-_IN_A_ROW = 3
 
 
 class DqnResults(TrainingResults):
@@ -36,7 +36,6 @@ class DqnResults(TrainingResults):
     """
 
     step_words: ClassVar[str] = 'one action (0.5 s)'
-    stable_words: ClassVar[str] = 'three full episodes in a row'
 
     def _read(self, facts: Mapping[str, Any]) -> None:
         self.outcomes = records(facts, 'outcomes', Outcome)
@@ -50,14 +49,14 @@ class DqnResults(TrainingResults):
     @property
     def solved_episode(self) -> int | None:
         """Number of the first of the three episodes that solved the task, from 1 on."""
-        index = first_solved(self.terminations)
+        index = first_stable(self.terminations)
         return None if index is None else index + 1
 
     @property
     def solved_step(self) -> int | None:
         """Action step by which these three episodes had ended."""
-        index = first_solved(self.terminations)
-        return None if index is None else self.terminations[index + _IN_A_ROW - 1].step
+        index = first_stable(self.terminations)
+        return None if index is None else self.terminations[index + IN_A_ROW - 1].step
 
     def metrics(self) -> dict[str, Any]:
         """Measure the training.
@@ -72,7 +71,7 @@ class DqnResults(TrainingResults):
             updates: Times the network was changed.
             states: States kept.
         """
-        solved = first_solved(self.terminations)
+        solved = first_stable(self.terminations)
         last = self.outcomes[-10:]
         actions = sum(each.actions for each in last)
         begin = None
@@ -146,10 +145,9 @@ class DqnResults(TrainingResults):
             driven += episode.episode_steps
         return Time(driven, False)
 
-    def stable(self) -> Time:
-        """Return when the three episodes that solved the task began, or the last one's end."""
-        solved = first_solved(self.terminations)
-        return Time(sum(e.episode_steps for e in self.terminations[:solved]), solved is not None)
+    @property
+    def _driven_steps(self) -> int:
+        return int(sum(each.episode_steps for each in self.terminations))
 
     def figures(self) -> tuple[Figure, ...]:
         """Return what can be drawn."""
@@ -174,13 +172,3 @@ class DqnResults(TrainingResults):
 
 def _is_full(episode: Termination) -> bool:
     return episode.reason == TERMINATED_STEP_LIMIT
-
-
-def first_solved(episodes: list[Termination]) -> int | None:
-    """Return the index of the first of the three episodes that solved the task."""
-    lanes = {each.lane for each in episodes}
-    for index in range(len(episodes) - _IN_A_ROW + 1):
-        run = episodes[index : index + _IN_A_ROW]
-        if all(map(_is_full, run)) and {each.lane for each in run} == lanes:
-            return index
-    return None

@@ -6,7 +6,7 @@ made a year later show the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 import math
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -15,12 +15,19 @@ from spikelane_controllers.checkpoint import Arrays, read_checkpoint
 from spikelane_controllers.learning.settling import has_settled, last_lane_loss_step
 from spikelane_controllers.learning.training import Termination
 from spikelane_controllers.saved_state import number, records
-from spikelane_sim.contract import TERMINATED_LANE_LOST, TERMINATED_LAPS_COMPLETE
+from spikelane_sim.contract import (
+    TERMINATED_LANE_LOST,
+    TERMINATED_LAPS_COMPLETE,
+    TERMINATED_STEP_LIMIT,
+)
 from spikelane_sim.course import Course, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 
 #: The measure that every training has.
 LAST_LANE_LOSS = 'last_lane_loss_step'
+
+#: Full episodes in a row from which on driving counts as stable.
+IN_A_ROW = 3
 
 
 class NothingToDrawError(SpikelaneError):
@@ -120,8 +127,6 @@ class TrainingResults:
     """
 
     step_words: ClassVar[str] = '50 ms'
-    #: What driving stably means for this controller, in words.
-    stable_words: ClassVar[str] = 'no lane loss after'
 
     def __init__(self, run: FinishedRun) -> None:
         """Read a training's checkpoint.
@@ -209,8 +214,20 @@ class TrainingResults:
         return Time(self.steps if first is None else first, first is not None)
 
     def stable(self) -> Time:
-        """Return when it lost the lane for the last time; censored where it has not settled."""
-        return Time(self.last_lane_loss_step, self.has_settled)
+        """Return when the first three episodes in a row began that were driven in full.
+
+        All lanes are among them. One definition for all controllers, so that they compare; the
+        end of the training where there were none.
+        """
+        index = first_stable(self.terminations)
+        if index is None:
+            return Time(self._driven_steps, False)
+        return Time(sum(e.episode_steps for e in self.terminations[:index]), True)
+
+    @property
+    def _driven_steps(self) -> int:
+        """Steps of 50 ms of the training."""
+        return int(self.steps)
 
     def figures(self) -> tuple[Figure, ...]:
         """Return what can be drawn."""
@@ -234,3 +251,17 @@ class TrainingResults:
         from spikelane_controllers.learning.terminations_figure import draw_terminations
 
         return draw_terminations(self, self.course(), path, title)
+
+
+def first_stable(episodes: Sequence[Termination]) -> int | None:
+    """Return the index of the first of three full episodes in a row, all lanes among them.
+
+    A full episode ended with its laps, or at the step limit.
+    """
+    lanes = {each.lane for each in episodes}
+    full = (TERMINATED_LAPS_COMPLETE, TERMINATED_STEP_LIMIT)
+    for index in range(len(episodes) - IN_A_ROW + 1):
+        run = episodes[index : index + IN_A_ROW]
+        if all(each.reason in full for each in run) and {each.lane for each in run} == lanes:
+            return index
+    return None

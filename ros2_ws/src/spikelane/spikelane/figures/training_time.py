@@ -1,13 +1,15 @@
 """The figure that compares how long controllers trained: to the first lap, and until stable.
 
-As in the paper's figure a bar is a group of trainings. Its length is the Kaplan-Meier median over
-all of them, the line goes from the first to the last, and an arrow stands at its end where the
-last had not got there when its training ended. A cross stands where less than half got there.
+A row is a group of trainings, on a logarithmic axis: one controller can learn a hundred times as
+fast as another. A dot is the Kaplan-Meier median over all of them, the line goes from the first to
+the last, and an arrow stands at its end where the last had not got there when its training ended.
+Where less than half got there, a cross stands at the end of the longest training.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 from pathlib import Path
 import textwrap
 from typing import NamedTuple, TYPE_CHECKING
@@ -15,6 +17,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from spikelane.statistics import time_statistics
 from spikelane_controllers.learning.results import Time
 from spikelane_sim import figure_style as style
+from spikelane_sim.figure_values import tell_values, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,12 +25,12 @@ if TYPE_CHECKING:
 _WIDTH_IN = 10.6
 _PANELS = (
     (0.3, 'first lap completed'),
-    (0.655, 'stable'),
+    (0.66, 'stable'),
 )
-_PANEL = 0.335
+_PANEL = 0.31
 _BAR_IN, _AROUND_IN = 0.5, 1.45
 _LETTERS = 44  # in a line of a panel's title
-_BAR = 0.5  # of a row's height
+_LOWEST = 100.0  # steps at which the axis begins at the latest
 
 
 class TrainingTimes(NamedTuple):
@@ -35,8 +38,8 @@ class TrainingTimes(NamedTuple):
 
     Attributes:
         first_lap: To the end of the first lap.
-        stable: Until it drove without losing the lane.
-        colour: Colour of the bars.
+        stable: Until it drove stably.
+        colour: Colour of its marks.
     """
 
     first_lap: Sequence[Time]
@@ -47,7 +50,7 @@ class TrainingTimes(NamedTuple):
 def draw_training_time(
     groups: Mapping[str, TrainingTimes], path: Path, title: str = '', stable: str = ''
 ) -> tuple[Path, ...]:
-    """Draw the times of groups of trainings, a bar a group.
+    """Draw the times of groups of trainings, a row a group.
 
     Args:
         groups: By what was trained, in words.
@@ -62,43 +65,81 @@ def draw_training_time(
         SpikelaneError: The path has another ending, or it cannot be written.
     """
     height_in = _AROUND_IN + _BAR_IN * len(groups)
+    low, high = _limits(groups)
     with style.settings():
         figure = style.new_figure(_WIDTH_IN, height_in)
-        words = 'bar: median; line: range; arrow: the last not by its end; cross: most never'
-        style.write_title(figure, title, words)
+        style.write_title(figure, title, _in_words(groups))
         for index, (left, heading) in enumerate(_PANELS):
             box = (left, 0.55 / height_in, _PANEL, _BAR_IN * len(groups) / height_in)
             axes = figure.add_axes(box)
             if index and stable:
                 heading = '\n'.join(textwrap.wrap(f'{heading}: {stable}', _LETTERS))
             axes.set_title(heading, fontsize=style.NORMAL_PT, weight='bold')
-            for row, times in enumerate(groups.values()):
-                _draw_bar(axes, row, times[index], times.colour)  # type: ignore[arg-type]
+            axes.set_xscale('log')
+            axes.set_xlim(low, high)
             axes.set_ylim(len(groups) - 0.5, -0.5)
-            axes.set_xlim(left=0)
-            axes.locator_params(axis='x', nbins=4)
+            for row, (name, times) in enumerate(groups.items()):
+                _draw_row(axes, row, name, times[index], times.colour)  # type: ignore[arg-type]
             axes.xaxis.set_major_formatter('{x:,.0f}')
-            axes.set_xlabel('steps of 50 ms')
+            axes.set_xlabel('simulated steps of 50 ms, log scale')
             axes.set_yticks(range(len(groups)), list(groups) if index == 0 else [''] * len(groups))
             axes.tick_params(axis='y', labelsize=style.SMALL_PT)
         return style.save(figure, path)
 
 
-def _draw_bar(axes: Axes, row: int, times: Sequence[Time], colour: str) -> None:
+def _limits(groups: Mapping[str, TrainingTimes]) -> tuple[float, float]:
+    """Return powers of ten around all times, with room for words behind the last."""
+    steps = [each.step for group in groups.values() for each in (*group.first_lap, *group.stable)]
+    low = min([_LOWEST, *(step for step in steps if step > 0)])
+    high = max([10 * _LOWEST, *steps])
+    return 10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(6 * high))
+
+
+def _in_words(groups: Mapping[str, TrainingTimes]) -> str:
+    """Explain the marks that occur."""
+    found = [
+        time_statistics([each.step for each in times], [each.reached for each in times])
+        for group in groups.values()
+        for times in (group.first_lap, group.stable)
+    ]
+    marks = {'dot: median; line: range': True}
+    marks['arrow: the last had not got there'] = any(
+        each and each['median'] is not None and not each['max_reached'] for each in found
+    )
+    marks['cross: less than half got there'] = any(
+        each is None or each['median'] is None for each in found
+    )
+    return '; '.join(words for words, occurs in marks.items() if occurs)
+
+
+def _draw_row(axes: Axes, row: int, name: str, times: Sequence[Time], colour: str) -> None:
     found = time_statistics([each.step for each in times], [each.reached for each in times])
-    if found is None or found['median'] is None:
-        axes.plot(
-            0.02, row, 'X', color=colour, transform=axes.get_yaxis_transform(), clip_on=False
-        )
+    if found is None:
         return
-    axes.barh(row, found['median'], height=_BAR, color=colour, alpha=0.85, linewidth=0)
-    if len(times) > 1:
-        axes.plot([found['min'], found['max']], [row, row], color=style.INK, linewidth=1.2)
-        ends = ((found['min'], '|'), (found['max'], '|' if found['max_reached'] else '>'))
-        for end, marker in ends:
-            axes.plot(end, row, marker, color=style.INK, markersize=6)
-    share = f'   {found["reached"]} of {found["n"]}'
-    at = max(found['max'], found['median'])
-    axes.text(at, row, share, fontsize=style.SMALL_PT, va='center')
-    axes.update_datalim([(1.2 * at, row)])
-    axes.autoscale_view(scaley=False)
+    low, _ = axes.get_xlim()
+    first, last = (max(found[end], low) for end in ('min', 'max'))
+    axes.plot([first, last], [row, row], color=style.INK, linewidth=1.2)
+    share = f'{found["reached"]} of {found["n"]}'
+    if found['median'] is None:
+        axes.plot(last, row, 'X', color=colour, markersize=8)
+        told = 'not by'
+        at = found['max']
+    else:
+        if len(times) > 1:
+            for end, marker in ((first, '|'), (last, '|' if found['max_reached'] else '>')):
+                axes.plot(end, row, marker, color=style.INK, markersize=6)
+        at = found['median']
+        axes.plot(max(at, low), row, 'o', color=colour, markersize=9)
+        told = 'median'
+    label = name.partition('\n')[0]
+    ends = f'{found["min"]:,.0f} to {found["max"]:,.0f}'
+    text = f'{label}: {told} {at:,.0f} steps ({ends}), {share}'
+    tell_values(axes, [Value(text, axes.get_xlim(), (row - 0.5, row + 0.5))])
+    axes.annotate(
+        share,
+        (last, row),
+        (9, 0),
+        textcoords='offset points',
+        fontsize=style.SMALL_PT,
+        va='center',
+    )
