@@ -12,6 +12,7 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from spikelane_controllers.registry import title as controller_title
 from spikelane_sim import figure_style as style
 from spikelane_sim.errors import SpikelaneError
 
@@ -228,7 +229,7 @@ def _explain(figure: Figure, looks: Mapping[str, dict[str, Any]]) -> None:
     style.write_legend(
         figure,
         [
-            Line2D([], [], markersize=4, linewidth=1.2, label=name, **look)
+            Line2D([], [], markersize=4, linewidth=1.2, label=controller_title(name), **look)
             for name, look in looks.items()
         ],
     )
