@@ -79,6 +79,15 @@ class ControllerFleet(Protocol):
     def look(self, robot: int) -> None:
         """Let a controller see no events: the observation after a reset."""
 
+    def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
+        """Drive a robot with answers that were given before; its controller stays as it is.
+
+        Args:
+            robot: Which one.
+            answers: Velocities of the left and the right wheel [rad/s], (n, 2).
+            scratch: As in `advance`.
+        """
+
     def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
         """Let robots first to last answer observations and drive, until each has done its part.
 

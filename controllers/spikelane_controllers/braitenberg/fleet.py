@@ -15,6 +15,7 @@ from spikelane_controllers.spiking.fleet_kernel import (
     drive_on,
     make_motors,
     most_inputs,
+    repeat,
     turn_wheels,
 )
 from spikelane_controllers.spiking.network import NetworkState, run_kernel
@@ -101,6 +102,11 @@ class BraitenbergFleet:
     def look(self, robot: int) -> None:
         """Let a controller see no events."""
         self._motors.counts[robot] = 0
+
+    def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
+        """Drive a robot with answers that were given before."""
+        world, robots = self._simulators.world, self._simulators.robots
+        repeat(world, robots, scratch, TEMPLATE, self._motors, robot, answers)
 
     def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
         """Let robots drive; see `fleet.ControllerFleet`.

@@ -14,12 +14,13 @@ it, which nothing depends on.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spikelane_controllers.checkpoint import Arrays, Checkpoint, read_checkpoint, write_checkpoint
 from spikelane_controllers.learning.learning_controller import LearningController
@@ -184,24 +185,79 @@ class Training:
         if self._is_replaying:
             return self._repeated_answer(lane)
         wheels = self.controller.step(observation)
-        self._needs_reset = lane.terminated
         if self._counts(lane):
             self.steps += 1
             self._is_due |= self.steps % self._parameters.save_every == 0
         if lane.terminated:
-            self.terminations.append(self._termination(lane))
-            self._record_episode()
-            self.on_episode()
+            self.end_episode(lane)
             return wheels
-        self._start, self._distance_m = Start(lane.lane, lane.episode), lane.distance_m
-        self._answers.extend(wheels)
-        self._n_replayed += 1
+        self._needs_reset = False
+        self._keep(Start(lane.lane, lane.episode), lane.distance_m, wheels)
+        return wheels
+
+    def take(self, start: Start, distance_m: float, answers: NDArray[np.float64]) -> None:
+        """Take in what a kernel has driven since the last call, in which every step counts.
+
+        The controller is already as these answers have left it.
+
+        Args:
+            start: The episode.
+            distance_m: Distance from the lane's centre in the last observation answered.
+            answers: Velocities of the left and the right wheel [rad/s], (n, 2), at most
+                `steps_to_take`.
+
+        Raises:
+            FileError: The checkpoint cannot be written.
+        """
+        self._needs_reset = False
+        if not len(answers):
+            return
+        self.steps += len(answers)
+        self._is_due |= self.steps % self._parameters.save_every == 0
+        self._keep(start, distance_m, answers.ravel().tolist(), len(answers))
+
+    def end_episode(self, lane: LaneState) -> None:
+        """Note the end of an episode, whose last observation has just been answered."""
+        self._needs_reset = True
+        self.terminations.append(self._termination(lane))
+        self._record_episode()
+        self.on_episode()
+
+    @property
+    def steps_to_take(self) -> int:
+        """How many steps there are until the next checkpoint, or until all are driven."""
+        every = self._parameters.save_every
+        return min(every - self.steps % every, self._parameters.steps - self.steps)
+
+    @property
+    def answers_to_repeat(self) -> NDArray[np.float64]:
+        """Answers of this episode that a resumed training gives again, (n, 2) [rad/s]."""
+        return np.array(self._answers).reshape(-1, 2)[self._n_replayed :]
+
+    def end_repetition(self, lane: LaneState) -> None:
+        """Note that all of `answers_to_repeat` were given again.
+
+        Args:
+            lane: What the last of them answered.
+
+        Raises:
+            CheckpointError: The episode is not the same.
+        """
+        self._n_replayed = len(self._answers) // 2 - 1
+        self._repeated_answer(lane)
+
+    def _keep(
+        self, start: Start, distance_m: float, answers: Sequence[float], number: int = 1
+    ) -> None:
+        """Keep answers of an episode that goes on, and save what is due."""
+        self._start, self._distance_m = start, distance_m
+        self._answers.extend(answers)
+        self._n_replayed += number
         if self._is_due:
             self._record_step()
         if self._is_due or self.is_done:
             self._save()
             self._is_due = False
-        return wheels
 
     def resume(self) -> None:
         """Go on where the checkpoint stands.

@@ -122,6 +122,16 @@ def drive_on(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def repeat(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, motors, i, answers
+):
+    """Drive robot i with answers (n, 2) that were given before."""
+    for k in range(answers.shape[0]):
+        number = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
+        count_cells(motors, scratch.events, number, i)
+
+
+@numba.njit(cache=True)
 def count_cells(motors, events, number, i):  # type: ignore[no-untyped-def]
     """Count the first events of a step in robot i's cells."""
     counts = motors.counts[i]

@@ -105,7 +105,7 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
     Raises:
         ParameterError: A fleet cannot simulate this; the message names the parameter.
     """
-    _check(parameters)
+    check_world(parameters)
     lanes = [lane for course in courses for lane in course.lanes.values()]
     camera, robot = parameters.camera, parameters.robot
     pixels, rules = parameters.pixels.coppelia, parameters.episode
@@ -151,8 +151,12 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
     )
 
 
-def _check(parameters: SimulatorParameters) -> None:
-    """Refuse by name what the kernel does not have."""
+def check_world(parameters: SimulatorParameters) -> None:
+    """Check that the kernel has what parameters ask for.
+
+    Raises:
+        ParameterError: It has not; the message names the parameter.
+    """
     engine = parameters.robot.engine
     if engine not in ENGINES:
         raise ParameterError(

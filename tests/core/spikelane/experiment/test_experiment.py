@@ -33,7 +33,7 @@ matrix:
       rstdp.initial_weights.high_pa: 500.0
       simulator.episode.max_steps: 130
   tasks:
-    train: {steps: 1200}
+    train: {steps: 60_000}
     evaluate: {lanes: [outer], seeds: 2}
 """
 TRAIN, EVALUATE = (
@@ -175,7 +175,7 @@ def test_a_run_is_what_the_command_for_it_leaves(whole: Experiment, tmp_path: Pa
     trained, evaluated = tmp_path / 'trained', tmp_path / 'evaluated'
     before = signal.getsignal(signal.SIGTERM)
     try:
-        assert run(['train', 'rstdp', '--steps', '1200', '--out', str(trained), *common]) == 0
+        assert run(['train', 'rstdp', '--steps', '60000', '--out', str(trained), *common]) == 0
         evaluate = ['evaluate', '--controller', 'rstdp', '--checkpoint', str(trained)]
         evaluate += ['--lanes', 'outer', '--seeds', '2', '--out', str(evaluated), *common]
         assert run(evaluate) == 0
@@ -203,7 +203,7 @@ def test_everything_is_told_in_the_log_and_the_results(whole: Experiment) -> Non
     assert states == {TRAIN: 'done', EVALUATE: 'done'}
     train, evaluate = results['groups']
     assert (train['task'], train['robots'], train['seeds']) == ('train', 'kinematic', [3])
-    assert train['metrics']['steps']['mean'] == 1200
+    assert train['metrics']['steps']['mean'] == 60_000
     assert evaluate['laps']['all']['completed'] == {
         'n': 2,
         'successes': 0,
@@ -242,7 +242,7 @@ def test_killed_again_and_again_the_results_are_the_same(
     process.kill()
     process.wait()
     kept = experiment.saved_steps()
-    assert 100 <= kept < 1200
+    assert 100 <= kept < 60_000
 
     process = experiment.start()
     wait_until(lambda: experiment.saved_steps() > kept, process)

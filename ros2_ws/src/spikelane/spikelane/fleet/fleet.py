@@ -6,7 +6,7 @@ bit, whatever N, the number of threads and the other robots are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey, 
 from spikelane_controllers.registry import controller_class, fleet_class
 from spikelane_sim.contract import controller_rng, LaneState, STEP_S
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.fleet.kernel import make_scratch
 from spikelane_sim.fleet.simulators import SimulatorFleet
 from spikelane_sim.fleet.threads import Threads
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -75,6 +76,7 @@ class Fleet:
         self.simulators = SimulatorFleet(len(self._seeds), simulator, courses=courses)
         given = controller_class(controller).parameters_class.from_mapping(parameters or {})
         self.controllers: ControllerFleet = fleet_class(controller)(given, self.simulators)
+        self._resets = [each.reset for each in self.controllers.controllers]
         self.steps = np.zeros(len(self._seeds), np.int64)
         self._threads = Threads(threads, len(self._seeds), self.simulators.world)
 
@@ -111,6 +113,24 @@ class Fleet:
                 controller.initialise(controller_rng(seed, 0))
                 self.load(robot)
 
+    def host(
+        self, robot: int, controller: Any, reset: Callable[[np.random.Generator], None]
+    ) -> None:
+        """Give a robot another controller.
+
+        Args:
+            robot: Which one.
+            controller: One of the same class, with the same parameters.
+            reset: Is called instead of the controller's `reset`, where an episode begins.
+        """
+        self.controllers.controllers[robot] = controller
+        self._resets[robot] = reset
+        self.load(robot)
+
+    def repeat(self, robot: int, answers: NDArray[np.float64]) -> None:
+        """Drive a robot with answers (n, 2) that were given before [rad/s]."""
+        self.controllers.repeat(robot, answers, make_scratch(self.simulators.world))
+
     def reset(self, robot: int, lane: str | None = None, *, episode: int | None = None) -> None:
         """Begin a robot's next episode, or its first one.
 
@@ -128,7 +148,8 @@ class Fleet:
         state = self.simulators.reset(
             robot, lane, seed if is_first else None, episode=episode or 1
         )
-        self.controller(robot).reset(controller_rng(seed, state.episode))
+        self.controllers.store(robot)
+        self._resets[robot](controller_rng(seed, state.episode))
         self.load(robot)
         self.controllers.look(robot)
 

@@ -106,12 +106,14 @@ from pathlib import Path
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.configuration import Request
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import train
-path, steps, resume, parameters, where, count, number = sys.argv[1:]
+from spikelane.runs.train import run
+path, steps, resume, parameters, is_in_kernel, where, count, number = sys.argv[1:]
+if is_in_kernel == 'False':
+    run.can_train = lambda config: False
 asked = Request('1', 'rstdp', 3, 'inprocess', eval(parameters))
 config = TrainConfig.make(asked, int(steps))
 def end_at(now):
-    if now == int(count):
+    if now >= int(count):
         os.kill(os.getpid(), int(number))
 written, replace = 0, os.replace
 def replace_unless_killed(*names):
@@ -122,7 +124,7 @@ def replace_unless_killed(*names):
 if where == 'writing':
     os.replace = replace_unless_killed
 show = lambda steps, _: end_at(steps) if where == 'driving' else None
-train(config, RunFolder(Path(path)), show, resume=resume == 'True')
+run.train(config, RunFolder(Path(path)), show, resume=resume == 'True')
 """
 
 
@@ -134,10 +136,19 @@ class Kill(NamedTuple):
     number: int = signal.SIGKILL
 
 
-def train_until(kill: Kill, folder: Path, robot: str, steps: int, *, resume: bool) -> int:
+def train_until(
+    kill: Kill, folder: Path, robot: str, steps: int, *, resume: bool, is_in_kernel: bool
+) -> int:
     """Train in a process of its own that ends itself; return the steps in its checkpoint."""
     parameters = repr(SWERVING | {'simulator.robot.model': robot})
-    arguments = [str(folder), str(steps), str(resume), parameters, *map(str, kill)]
+    arguments = [
+        str(folder),
+        str(steps),
+        str(resume),
+        parameters,
+        str(is_in_kernel),
+        *map(str, kill),
+    ]
     ended = subprocess.run(
         [sys.executable, '-c', CODE, *arguments],
         capture_output=True,
@@ -149,10 +160,24 @@ def train_until(kill: Kill, folder: Path, robot: str, steps: int, *, resume: boo
 
 
 @pytest.mark.parametrize(
-    ('robot', 'steps', 'kills'),
+    ('robot', 'is_in_kernel', 'steps', 'kills'),
     [
         (
             'kinematic',
+            True,
+            STEPS,
+            [
+                # The kernel drives up to a checkpoint or the end of an episode at once.
+                (Kill('driving', 70), 100),
+                (Kill('writing', 2), 200),
+                (Kill('driving', 262, signal.SIGINT), 300),
+                (Kill('writing', 1), 300),
+                (Kill('driving', 555, signal.SIGTERM), 500),
+            ],
+        ),
+        (
+            'kinematic',
+            False,
             STEPS,
             [
                 (Kill('driving', 70), 0),
@@ -163,17 +188,19 @@ def train_until(kill: Kill, folder: Path, robot: str, steps: int, *, resume: boo
                 (Kill('driving', 555, signal.SIGTERM), 500),
             ],
         ),
-        ('pybullet', 300, [(Kill('driving', 260), 200)]),
-        ('rigid', 300, [(Kill('driving', 260), 200)]),
+        ('pybullet', False, 300, [(Kill('driving', 260), 200)]),
+        ('rigid', False, 300, [(Kill('driving', 260), 200)]),
     ],
 )
 def test_a_killed_training_goes_on_bit_for_bit(
-    tmp_path: Path, robot: str, steps: int, kills: list[tuple[Kill, int]]
+    tmp_path: Path, robot: str, is_in_kernel: bool, steps: int, kills: list[tuple[Kill, int]]
 ) -> None:
     """Killed again and again, anywhere: the checkpoint at the end is that of one never stopped."""
     killed, whole = tmp_path / 'killed', tmp_path / 'whole'
     for count, (kill, kept) in enumerate(kills):
-        assert train_until(kill, killed, robot, steps, resume=count > 0) == kept
+        assert kept == train_until(
+            kill, killed, robot, steps, resume=count > 0, is_in_kernel=is_in_kernel
+        )
     config = config_of(steps, **{'simulator.robot.model': robot})
     train_in(killed, config, resume=True)
     train_in(whole, config)

@@ -10,6 +10,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from spikelane.fleet.training import can_train, train_fleet
 from spikelane.interruption import check
 from spikelane.recording.record import check_recordable, facts_of, recorded, Recording
 from spikelane.runs.folder import RunFolder
@@ -122,6 +123,10 @@ def train(
         return trained
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    if can_train(config):
+        # The same bits as below, sooner.
+        train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
+        return training
     sensors = sensors_of(controller_class(config.controller))
     asked = Recording(folder.recording, tuple(record)) if record else None
     with (
