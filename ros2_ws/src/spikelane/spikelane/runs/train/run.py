@@ -107,7 +107,7 @@ def train(
     Args:
         config: What to train.
         folder: Where checkpoints go, and over ROS logs and node parameters.
-        show: Called after every step, over ROS about once a second.
+        show: Called after every step, in a kernel every 100 steps, over ROS about once a second.
         resume: Whether to go on from the folder's checkpoint.
         viewer: Parameters of a viewer that is to watch, over ROS; None: there is none.
         record: Quantities that the controller is to record, in this process.
@@ -123,8 +123,8 @@ def train(
         return trained
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
-    if can_train(config):
-        # The same bits as below, sooner.
+    if not record and can_train(config):
+        # The same bits as below, sooner; a recording needs every step.
         train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
         return training
     sensors = sensors_of(controller_class(config.controller))
