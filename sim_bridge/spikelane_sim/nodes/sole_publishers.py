@@ -3,7 +3,8 @@
 Two graphs that meet in one ROS domain and one namespace answer each other's observations, and both
 drives are worthless. Every node that publishes or takes one of these topics looks once a second,
 names all publishers where there are several, and ends where it takes part in a drive whose nodes
-wait for each other.
+wait for each other. It ends after every other node has looked: the first one to end may be one of
+the publishers, and the others would then find nothing and wait for it for ever.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ SOLE_TOPICS = (topic_names.LANE_STATE, topic_names.EVENTS, topic_names.WHEELS)
 OnFound = Callable[[str], None]
 
 _LOOK_PERIOD_S = 1.0
+_END_AFTER_S = 2.5  # a node on a busy machine may look late
 
 
 class SolePublishers:
@@ -34,7 +36,7 @@ class SolePublishers:
         Args:
             node: A node that is concerned.
             topics: The topics, which may be relative.
-            fail: Called with the reason instead of a warning; None: it is a warning.
+            fail: Called with the reason some time after the warning; None: never.
         """
         self._node, self._fail = node, fail
         self._topics = [node.resolve_topic_name(topic) for topic in topics]
@@ -54,11 +56,23 @@ class SolePublishers:
         found = '; '.join(filter(None, map(self._describe, self._topics)))
         is_new = bool(found) and found != self._found
         self._found = found
-        if is_new and self._fail is not None:
-            self._fail(found)
-        elif is_new:
+        if is_new:
             self._node.get_logger().warning(found)
+            self._end_later(found)
         return bool(found)
+
+    def _end_later(self, reason: str) -> None:
+        """Call `fail` once, when the other nodes must have found what this one has."""
+        fail, self._fail = self._fail, None
+        if fail is None:
+            return
+
+        def end() -> None:
+            timer.cancel()
+            fail(reason)
+
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self._node.create_timer(_END_AFTER_S, end, clock=steady)
 
     def _describe(self, topic: str) -> str:
         if self._node.count_publishers(topic) < 2:

@@ -118,8 +118,9 @@ def end_at(now):
 written, replace = 0, os.replace
 def replace_unless_killed(*names):
     global written
-    written += 1
-    end_at(written)
+    if Path(path) in Path(names[1]).parents:  # and not in the cache of compiled functions
+        written += 1
+        end_at(written)
     replace(*names)
 if where == 'writing':
     os.replace = replace_unless_killed
