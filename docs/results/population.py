@@ -14,6 +14,7 @@ from pathlib import Path
 import sys
 import tempfile
 from typing import Any
+import warnings
 
 from matplotlib.axes import Axes
 import numpy as np
@@ -162,7 +163,9 @@ def draw_survival(axes: Axes, rows: pd.DataFrame, scenario: str) -> None:
             right=np.full((~settled).sum(), float(length)),
         )
         found = ecdf(times).sf
-        band = found.confidence_interval()
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # where all or none have settled, there is no band
+            band = found.confidence_interval()
         steps = np.concatenate([[1.0], found.quantiles])
         colour = COLOURS[str(camera)]
         axes.step(steps, [1.0, *found.probabilities], where='post', color=colour, label=camera)
@@ -180,7 +183,7 @@ def draw_survival(axes: Axes, rows: pd.DataFrame, scenario: str) -> None:
     axes.set_xlim(200, 130_000)
     axes.set_ylim(0, 1.02)
     axes.set_title(f'scenario {scenario}')
-    axes.set_xlabel('steps of the training (50 ms each)')
+    axes.set_xlabel('steps of 50 ms')
 
 
 def draw_errors(axes: Axes, rows: pd.DataFrame) -> None:
@@ -199,7 +202,7 @@ def draw_errors(axes: Axes, rows: pd.DataFrame) -> None:
             )
     axes.set_xlim(0, 25)
     axes.set_ylim(0, 1.02)
-    axes.set_xlabel('mean distance from the lane centre [mm]')
+    axes.set_xlabel('mean error of a lap [mm]')
 
 
 def draw(data: pd.DataFrame, path: Path) -> None:
@@ -207,12 +210,13 @@ def draw(data: pd.DataFrame, path: Path) -> None:
     with settings():
         figure = new_figure(10.0, 6.4)
         grid = figure.subplots(2, 3, sharey='row')
+        figure.subplots_adjust(left=0.09, right=0.98, bottom=0.08, top=0.94, hspace=0.35)
         for column, (scenario, rows) in enumerate(data.groupby('scenario', sort=False)):
             draw_survival(grid[0, column], rows, str(scenario))
             draw_errors(grid[1, column], rows)
         grid[0, 0].set_ylabel('share of trainings that\nwill still lose their lane')
         grid[1, 0].set_ylabel('share of trainings\nwith a smaller error')
-        grid[0, 0].legend(loc='lower left')
+        grid[0, 2].legend(loc='lower left')
         grid[1, 2].legend(loc='lower right')
         save(figure, path)
 

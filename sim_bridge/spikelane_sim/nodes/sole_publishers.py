@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -62,10 +63,15 @@ class SolePublishers:
         return bool(found)
 
     def _end_later(self, reason: str) -> None:
-        """Call `fail` once, when the other nodes must have found what this one has."""
+        """Call `fail` once, when the other nodes must have found what this one has.
+
+        The node's `exit_status` is 1 from now on.
+        """
         fail, self._fail = self._fail, None
         if fail is None:
             return
+        # The drive may end by itself before; it is nobody's all the same.
+        cast(Any, self._node).exit_status = 1
 
         def end() -> None:
             timer.cancel()
