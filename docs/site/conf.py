@@ -45,6 +45,7 @@ myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 4  # GitHub's anchors
 # `make docs` runs the notebooks; the tests of the site do not, as they have tests of their own.
 nb_execution_mode = 'force'
+nb_execution_in_temp = True
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True

@@ -79,6 +79,7 @@ def test_every_page_is_in_the_navigation(pages: dict[str, Page]) -> None:
         ROOT / 'controllers/README.md',
     ]
     files += (ROOT / 'docs').rglob('*.md')
+    files += (ROOT / 'docs/notebooks').glob('*.ipynb')
     assert len(files) > 30
     expected = {str(file.relative_to(ROOT).with_suffix('.html')) for file in files}
     assert expected - set(pages['README.html'].targets) == set()
