@@ -10,13 +10,10 @@ from typing import Any
 
 from spikelane_sim.contract import LaneState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.sensor import ReceivedPacket
 
 _SECOND_NS = 1_000_000_000
-#: Names of the wheels' joints, left and right.
-WHEEL_JOINTS = ('left_wheel_joint', 'right_wheel_joint')
-#: The frame whose z points where the camera looks, and x to the right of the image (REP 103).
-CAMERA_FRAME = 'event_camera_optical_frame'
 
 
 def to_stamp_ns(time: Any) -> int:

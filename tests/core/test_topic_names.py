@@ -33,6 +33,7 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         'cmd_vel',
         'controller/state',
         'controller/weights',
+        'controller/recorded',
         '/clock',
         '/tf',
         '/tf_static',

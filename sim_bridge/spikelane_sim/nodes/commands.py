@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from spikelane_sim import messages, topic_names
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import MessageError
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.robots import RobotParameters
@@ -127,7 +128,7 @@ class Commands:
         self._notice()
 
     def _on_array(self, message: Float64MultiArray) -> None:
-        if len(message.data) == len(messages.WHEEL_JOINTS):
+        if len(message.data) == len(WHEEL_JOINTS):
             self._take(topic_names.WHEEL_ARRAY, None, WheelVelocities(*message.data))
             return
         self._refuse(

@@ -19,7 +19,8 @@ from spikelane_sim.codecs import decode, encode
 from spikelane_sim.contract import LaneState, RobotState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError, PacketError
 from spikelane_sim.events import Events
-from spikelane_sim.messages import CAMERA_FRAME, to_stamp_ns
+from spikelane_sim.frame_names import CAMERA_FRAME
+from spikelane_sim.messages import to_stamp_ns
 from spikelane_sim.sensor import ReceivedPacket
 
 WORLD_FRAME = 'odom'

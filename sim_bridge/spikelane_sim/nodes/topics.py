@@ -19,7 +19,7 @@ from tf2_msgs.msg import TFMessage
 
 from spikelane_sim import topic_names
 from spikelane_sim.contract import LaneState, Observation, RobotState
-from spikelane_sim.messages import CAMERA_FRAME, WHEEL_JOINTS
+from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.meeting import LATCHED

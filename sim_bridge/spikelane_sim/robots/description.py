@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.messages import WHEEL_JOINTS
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.robots.urdf import Inertial, joined, read_tree, RoundShape, UrdfTree
 
 if TYPE_CHECKING:

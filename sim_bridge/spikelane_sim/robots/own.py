@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from spikelane_sim.messages import CAMERA_FRAME, WHEEL_JOINTS
+from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.robots.description import read_description
 from spikelane_sim.robots.model import RobotModel
 from spikelane_sim.robots.urdf import read_tree, UrdfTree

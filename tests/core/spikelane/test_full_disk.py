@@ -107,6 +107,9 @@ def check_whole(file: Path) -> None:
         assert content.endswith(b'</svg>\n')
     elif file.suffix == '.png':
         assert content.endswith(b'IEND\xaeB`\x82')
+    elif file.suffix == '.md':
+        assert content.startswith(b'#')
+        assert content.endswith(b'.\n')
     else:
         assert file.suffix in ('.log', '.webp'), file
 

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from spikelane_sim.errors import MessageError
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.messages import (
     encoders_from_message,
     lane_state_from_message,
     to_stamp_ns,
-    WHEEL_JOINTS,
 )
 
 NUMBERS = ('distance', 'heading_error', 'position', 'progress')

@@ -20,6 +20,7 @@ from spikelane_sim.contract import LaneState, RobotState, WheelVelocities
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import make_events, no_events
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.pairing import KEPT, StampGroups
 
@@ -154,7 +155,7 @@ def test_joints_are_left_then_right() -> None:
     conversions.fill_joint_state(message, ROBOT, STAMP_NS)
     assert list(message.position) == [3.0, 4.0]
     assert list(message.velocity) == [5.0, 6.0]
-    assert messages.WHEEL_JOINTS == ('left_wheel_joint', 'right_wheel_joint')
+    assert WHEEL_JOINTS == ('left_wheel_joint', 'right_wheel_joint')
 
 
 def test_the_camera_is_described_as_ros_does() -> None:

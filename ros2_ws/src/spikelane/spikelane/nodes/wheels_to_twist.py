@@ -22,7 +22,8 @@ from std_msgs.msg import String
 
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.messages import WHEEL_JOINTS, wheels_from_message
+from spikelane_sim.frame_names import WHEEL_JOINTS
+from spikelane_sim.messages import wheels_from_message
 from spikelane_sim.nodes.meeting import LATCHED
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node

@@ -29,6 +29,7 @@ from spikelane_sim.binning import SensorParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.files import write_json
 from spikelane_sim.filters import FilterParameters
+from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
@@ -107,10 +108,10 @@ class ReplayNode(Node):
         self._pending: dict[int, list[int]] = {}  # indices of answers awaited, by stamp [ns]
         self._lane_message, self._packet_message = LaneState(), EventPacket()
         self._lane_message.header.frame_id = conversions.WORLD_FRAME
-        self._packet_message.header.frame_id = messages.CAMERA_FRAME
+        self._packet_message.header.frame_id = CAMERA_FRAME
         self.create_subscription(WheelVelocities, topic_names.WHEELS, self._on_wheels, _KEPT)
         self._lanes = self.create_publisher(LaneState, topic_names.LANE_STATE, _KEPT)
-        self._joint_message = JointState(name=list(messages.WHEEL_JOINTS))
+        self._joint_message = JointState(name=list(WHEEL_JOINTS))
         self._joints = self.create_publisher(JointState, topic_names.JOINT_STATES, _KEPT)
         self._events = self.create_publisher(EventPacket, topic_names.EVENTS, _KEPT)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
