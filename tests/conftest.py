@@ -377,7 +377,11 @@ def _shown_at(address: str, file: Path) -> dict[str, dict[str, dict[int, Any]]]:
             size, since_s = now, time.monotonic()
         time.sleep(0.1)
     client.terminate()
-    client.wait()
+    try:
+        client.wait(10)
+    except subprocess.TimeoutExpired:  # seldom, it does not end; it has written all it has
+        client.kill()
+        client.wait()
     found: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in load_recording(file).chunks():
         batch = chunk.to_record_batch()
