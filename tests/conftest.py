@@ -1,10 +1,11 @@
 """What tests of all kinds share: drives, and bags of them as other programs would write them."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import itertools
 from pathlib import Path
 import re
 import shutil
+import signal
 import subprocess
 import time
 from typing import Any, NamedTuple, Protocol
@@ -316,6 +317,14 @@ def _type_of(topic: str) -> str:
     return next(name for end, name in _TYPES.items() if topic.endswith(end))
 
 
+@pytest.fixture(autouse=True)
+def _signals_come() -> Iterator[None]:
+    """Let signals come after each test as before it: processes inherit what is held back."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    yield
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @pytest.fixture(scope='session')
 def chromium() -> str:
     """Give the browser that pages are tested in; `setup/bootstrap test` brings one."""
@@ -377,11 +386,7 @@ def _shown_at(address: str, file: Path) -> dict[str, dict[str, dict[int, Any]]]:
             size, since_s = now, time.monotonic()
         time.sleep(0.1)
     client.terminate()
-    try:
-        client.wait(10)
-    except subprocess.TimeoutExpired:  # seldom, it does not end; it has written all it has
-        client.kill()
-        client.wait()
+    client.wait(60)
     found: dict[str, dict[str, dict[int, Any]]] = {}
     for chunk in load_recording(file).chunks():
         batch = chunk.to_record_batch()
