@@ -52,7 +52,7 @@ def written_whole(path: Path, *, sync: bool = True) -> Iterator[BinaryIO]:
     Raises:
         FileError: As in `write_bytes_atomically`.
     """
-    with path_written_whole(path, sync=sync) as beside, beside.open('wb') as file:
+    with path_written_whole(path, sync=sync) as unfinished, unfinished.open('wb') as file:
         yield file
 
 
@@ -63,14 +63,14 @@ def path_written_whole(path: Path, *, sync: bool = True) -> Iterator[Path]:
     It is for what opens a file itself; otherwise it is `written_whole`.
     """
     path = Path(path)
-    beside = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    unfinished = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        yield beside
+        yield unfinished
         if sync:
-            with beside.open('rb') as file:
+            with unfinished.open('rb') as file:
                 os.fsync(file.fileno())
-        os.replace(beside, path)
+        os.replace(unfinished, path)
         if sync:
             _sync_folder(path.parent)
     except OSError as error:
@@ -79,7 +79,7 @@ def path_written_whole(path: Path, *, sync: bool = True) -> Iterator[Path]:
         raise WriteError(f'{path}: cannot be written: {reason}') from error
     finally:
         with contextlib.suppress(OSError):
-            beside.unlink()
+            unfinished.unlink()
 
 
 def append_bytes(path: Path, content: bytes) -> None:

@@ -32,7 +32,7 @@ _NOTHING = Dropped()
 
 
 class EncodedPacket(NamedTuple):
-    """What an EventPacket carries besides its header and counter, always little endian."""
+    """What an EventPacket has in addition to its header and counter, always little endian."""
 
     encoding: str
     width: int  # [px]

@@ -23,7 +23,7 @@ _TENSOR = ('ixx', 'ixy', 'ixz', 'ixy', 'iyy', 'iyz', 'ixz', 'iyz', 'izz')
 
 
 class Pose(NamedTuple):
-    """Of a frame in another one: a vector v of the frame is rotation @ v + origin there."""
+    """Place of a frame in another one, where a vector v of the frame is rotation @ v + origin."""
 
     rotation: Array  # (3, 3)
     origin_m: Array  # (3,)

@@ -128,7 +128,7 @@ def test_a_later_part_is_shown_and_no_more_than_fits(
 
 
 def test_the_bag_of_a_lap_s_folder_is_found(tmp_path: Path) -> None:
-    """Of a folder with a configuration; any other path is the bag's own."""
+    """A folder with a configuration is a run, and its bag is read; any other path is a bag."""
     (tmp_path / 'bag').mkdir()
     assert bag_of(tmp_path) == tmp_path
     (tmp_path / 'config.yaml').touch()

@@ -88,7 +88,7 @@ def test_a_full_first_step_starts_at_its_first_image() -> None:
 
 
 def test_events_inside_the_refractory_period_are_lost_and_the_reference_moves() -> None:
-    """Of two events 14,427 us apart, 14.5 ms suppress the second; later events do not change."""
+    """Two events are 14,427 us apart; 14.5 ms suppress the second, and change no later one."""
     _, rise, fall = steps(pixels_of(refractory_s=0.0145), [TENTH, FIFTH, EIGHTH])
     assert times_us(rise) == [50_000 + 14_427, 50_000 + 43_281]
     assert times_us(fall) == [100_000 + 28_693, 100_000 + 48_270]

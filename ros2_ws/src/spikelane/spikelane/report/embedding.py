@@ -38,7 +38,7 @@ def embedded(caption: str, files: Sequence[Path]) -> Embedded:
 
     Args:
         caption: What it shows.
-        files: Its files, of one name; an animation's still is beside it.
+        files: Files of the figure, which differ in their endings alone; an animation comes with a still picture.
     """
     name = files[0].stem
     drawing = next((file for file in files if file.suffix == '.svg'), None)

@@ -199,7 +199,7 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
         file = folder / 'state_input'
         return draw_state_input(events[:last], image_size, file, 'State input')
 
-    yield _Figure('A lap', 'animation', f'Camera events beside the course: {words}', draw_moving)
+    yield _Figure('A lap', 'animation', f'Camera events next to the course: {words}', draw_moving)
     yield _Figure('Task', 'state_input', f'State input, half way: {words}', draw_state)
 
 

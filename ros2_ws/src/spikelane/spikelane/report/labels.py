@@ -8,7 +8,7 @@ from spikelane.report.groups import Key
 from spikelane.report.runs import Lap, TrainingRun, TransferRun
 from spikelane_controllers.registry import title
 
-#: Letters that there is room for beside a bar.
+#: Number of letters that fit next to a bar.
 _BAR_LETTERS = 44
 
 

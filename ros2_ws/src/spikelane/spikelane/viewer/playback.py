@@ -175,7 +175,7 @@ def _steps(
 
 
 def _controller_messages(drive: RecordedDrive, notes: list[str]) -> _Controller:
-    """Read what the controller said beside the events."""
+    """Read what the controller published about itself, in addition to its answers."""
     prefix = drive.events_topic.removesuffix(topic_names.EVENTS)
     prefix = prefix if prefix != drive.events_topic else '/'
     said = _Controller({}, collections.deque())
