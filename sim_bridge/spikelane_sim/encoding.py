@@ -91,22 +91,29 @@ def count_events(events: Events, parameters: EncodingParameters) -> Counts:
     Returns:
         Counts, (rows, columns).
     """
-    counts: Counts = _count(
-        events, parameters.rows, parameters.columns, parameters.crop_top, parameters.cell
-    )
+    counts = np.empty((parameters.rows, parameters.columns), np.int64)
+    count_cells(events, len(events), parameters.crop_top, parameters.cell, counts)
     return counts
 
 
 @numba.njit(cache=True)
-def _count(events: Events, rows: int, columns: int, crop_top: int, cell: int) -> Counts:
-    counts = np.zeros((rows, columns), np.int64)
+def count_cells(events: Events, number: int, crop_top: int, cell: int, counts: Counts) -> None:
+    """Count the first events in each cell, compiled; see `count_events`.
+
+    Args:
+        events: Events of one step.
+        number: How many of them count.
+        crop_top: Rows left out at the top [px].
+        cell: Side of a cell [px].
+        counts: Is overwritten, (rows, columns).
+    """
+    counts[:] = 0
     side = np.int32(cell)
-    for event in events:
-        y = np.int32(event.y) - np.int32(crop_top)
-        row, column = y // side, np.int32(event.x) // side
-        if 0 <= row < rows and column < columns:
+    for k in range(number):
+        y = np.int32(events[k].y) - np.int32(crop_top)
+        row, column = y // side, np.int32(events[k].x) // side
+        if 0 <= row < counts.shape[0] and column < counts.shape[1]:
             counts[row, column] += 1
-    return counts
 
 
 class StateImage:

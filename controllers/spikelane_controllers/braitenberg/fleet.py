@@ -8,23 +8,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.braitenberg.controller import Braitenberg, BraitenbergParameters
-from spikelane_controllers.fleet import check_image, Journey
+from spikelane_controllers.braitenberg.controller import Braitenberg
 from spikelane_controllers.spiking.fleet_kernel import (
     draw_inputs,
     drive_on,
-    make_motors,
     most_inputs,
-    repeat,
     turn_wheels,
 )
 from spikelane_controllers.spiking.network import NetworkState, run_kernel
 from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
 from spikelane_controllers.spiking.spikes import GRID_STEPS, SPIKE_DTYPE, Spikes
-from spikelane_controllers.spiking.steering import SteeringState
-from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.fleet.generators import Generators, TEMPLATE
-from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 
 
 class _Networks(NamedTuple):
@@ -51,23 +45,14 @@ class _Networks(NamedTuple):
     has_overflown: NDArray[np.bool_]
 
 
-class BraitenbergFleet:
+class BraitenbergFleet(SpikingFleet):
     """The Braitenberg controllers of a fleet; see `fleet.ControllerFleet`."""
 
-    def __init__(self, parameters: BraitenbergParameters, simulators: SimulatorFleet) -> None:
-        """Make a controller for each robot.
+    controller_class = Braitenberg
 
-        Raises:
-            SpikelaneError: The image is not the camera's.
-        """
-        check_image(parameters, simulators)
-        number = len(simulators)
-        self.controllers = [Braitenberg(parameters) for _ in range(number)]
-        self._simulators = simulators
-        self._chance = Generators(number)
-        self._motors = make_motors(number, parameters, self._chance)
-        first = self.controllers[0]
-        self._networks = _Networks(
+    def _make_networks(self, number: int) -> _Networks:
+        first, parameters = self.controllers[0], self._parameters
+        return _Networks(
             neurons=np.zeros((number, len(first.neurons)), NEURON_DTYPE),
             flying=np.zeros((number, 2 * most_inputs(parameters)), SPIKE_DTYPE),
             n_flying=np.zeros(number, np.int64),
@@ -77,50 +62,22 @@ class BraitenbergFleet:
             lowest_rows=parameters.lowest_rows,
             has_overflown=np.zeros(number, np.bool_),
         )
-        for robot in range(number):
-            self.load(robot)
 
-    def load(self, robot: int) -> None:
-        """Take over what a controller is now."""
-        controller, networks = self.controllers[robot], self._networks
-        self._chance[robot] = controller.rng
-        self._motors.smoothed[robot] = controller.steering
-        self._motors.spikes[robot] = controller.spikes
+    def _load_network(self, robot: int, controller: Braitenberg) -> None:
+        networks: _Networks = self._networks
         neurons, in_flight = controller.network
         networks.neurons[robot] = neurons
         networks.flying[robot, : len(in_flight)] = in_flight
         networks.n_flying[robot] = len(in_flight)
 
-    def store(self, robot: int) -> None:
-        """Bring a controller up to date."""
-        controller, networks = self.controllers[robot], self._networks
+    def _store_network(self, robot: int, controller: Braitenberg) -> None:
+        networks: _Networks = self._networks
         in_flight = networks.flying[robot, : networks.n_flying[robot]]
         controller.network = NetworkState(networks.neurons[robot].copy(), in_flight.copy())
-        controller.steering = SteeringState(*self._motors.smoothed[robot].tolist())
-        controller.spikes = tuple(self._motors.spikes[robot].tolist())
 
-    def look(self, robot: int) -> None:
-        """Let a controller see no events."""
-        self._motors.counts[robot] = 0
-
-    def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
-        """Drive a robot with answers that were given before."""
-        world, robots = self._simulators.world, self._simulators.robots
-        repeat(world, robots, scratch, TEMPLATE, self._motors, robot, answers)
-
-    def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
-        """Let robots drive; see `fleet.ControllerFleet`.
-
-        Raises:
-            SpikelaneError: More spikes came than there is room for, which has a probability
-                below 1e-30 in a step.
-        """
-        world, robots = self._simulators.world, self._simulators.robots
-        _advance(
-            world, robots, scratch, TEMPLATE, self._motors, self._networks, journey, first, last
-        )
-        if self._networks.has_overflown[first:last].any():
-            raise SpikelaneError('inputs: expected fewer spikes in a step than there is room for')
+    @staticmethod
+    def _kernel(*arguments: Any) -> None:
+        _advance(*arguments)
 
 
 @numba.njit(cache=True, nogil=True)

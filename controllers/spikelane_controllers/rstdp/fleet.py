@@ -8,22 +8,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.fleet import check_image, Journey
 from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
 from spikelane_controllers.spiking.fleet_kernel import (
     draw_inputs,
     drive_on,
-    make_motors,
     most_inputs,
-    repeat,
     turn_wheels,
 )
 from spikelane_controllers.spiking.plasticity import PlasticNetwork
 from spikelane_controllers.spiking.plasticity_kernel import run, Workspace
-from spikelane_controllers.spiking.steering import SteeringState
-from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.fleet.generators import Generators, TEMPLATE
-from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 
 
 class _Networks(NamedTuple):
@@ -48,78 +42,35 @@ class _Networks(NamedTuple):
     has_overflown: NDArray[np.bool_]
 
 
-class RStdpFleet:
+class RStdpFleet(SpikingFleet):
     """The R-STDP controllers of a fleet; see `fleet.ControllerFleet`."""
 
-    def __init__(self, parameters: RStdpParameters, simulators: SimulatorFleet) -> None:
-        """Make a controller for each robot.
+    controller_class = RStdp
 
-        Raises:
-            SpikelaneError: The image is not the camera's, or weights cannot be read.
-        """
-        check_image(parameters, simulators)
-        number = len(simulators)
-        self.controllers = [RStdp(parameters) for _ in range(number)]
-        self._simulators = simulators
-        self._chance = Generators(number)
-        self._motors = make_motors(number, parameters, self._chance)
+    def _make_networks(self, number: int) -> _Networks:
         first = self.controllers[0].network
-        self._networks = _Networks(
-            work=_rows(number, first, parameters),
+        return _Networks(
+            work=_rows(number, first, self._parameters),
             n_flying=np.zeros(number, np.int64),
             is_learning=np.zeros(number, np.bool_),
-            c_r=parameters.c_r,
+            c_r=self._parameters.c_r,
             network=first.network,
             tables=first.tables,
             has_overflown=np.zeros(number, np.bool_),
         )
-        for robot in range(number):
-            self.load(robot)
 
-    def load(self, robot: int) -> None:
-        """Take over what a controller is now."""
-        controller = self.controllers[robot]
-        self._chance[robot] = controller.rng
-        self._motors.smoothed[robot] = controller.steering
-        self._motors.spikes[robot] = controller.spikes
-        networks = self._networks
+    def _load_network(self, robot: int, controller: RStdp) -> None:
+        networks: _Networks = self._networks
         networks.is_learning[robot] = controller.learning
         networks.n_flying[robot] = controller.network.copy_to(_row(networks.work, robot))
 
-    def store(self, robot: int) -> None:
-        """Bring a controller up to date."""
-        networks, controller = self._networks, self.controllers[robot]
+    def _store_network(self, robot: int, controller: RStdp) -> None:
+        networks: _Networks = self._networks
         controller.network.copy_from(_row(networks.work, robot), int(networks.n_flying[robot]))
-        controller.steering = SteeringState(*self._motors.smoothed[robot].tolist())
-        controller.spikes = tuple(self._motors.spikes[robot].tolist())
 
-    def weights_pa(self, robot: int) -> NDArray[np.float64]:
-        """Return a robot's weights now [pA], (2, n_inputs)."""
-        weights: NDArray[np.float64] = self._networks.work.synapses[robot]['weight_pa'].copy()
-        return weights
-
-    def look(self, robot: int) -> None:
-        """Let a controller see no events."""
-        self._motors.counts[robot] = 0
-
-    def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
-        """Drive a robot with answers that were given before."""
-        world, robots = self._simulators.world, self._simulators.robots
-        repeat(world, robots, scratch, TEMPLATE, self._motors, robot, answers)
-
-    def advance(self, first: int, last: int, journey: Journey, scratch: Any) -> None:
-        """Let robots drive; see `fleet.ControllerFleet`.
-
-        Raises:
-            SpikelaneError: More spikes came than there is room for, which has a probability
-                below 1e-30 in a step.
-        """
-        world, robots = self._simulators.world, self._simulators.robots
-        _advance(
-            world, robots, scratch, TEMPLATE, self._motors, self._networks, journey, first, last
-        )
-        if self._networks.has_overflown[first:last].any():
-            raise SpikelaneError('inputs: expected fewer spikes in a step than there is room for')
+    @staticmethod
+    def _kernel(*arguments: Any) -> None:
+        _advance(*arguments)
 
 
 def _rows(number: int, network: PlasticNetwork, parameters: RStdpParameters) -> Workspace:

@@ -13,7 +13,7 @@ from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, 
 from spikelane_controllers.spiking.spikes import GRID_STEPS
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
 from spikelane_sim.contract import STEP_S
-from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import HEADING, simulate, X, Y
 
@@ -97,6 +97,12 @@ def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def look_at(motors, events, number, i):  # type: ignore[no-untyped-def]
+    """Let robot i's controller see the first events of a step."""
+    count_cells(events, number, motors.cells.crop_top, motors.cells.cell, motors.counts[i])
+
+
+@numba.njit(cache=True)
 def drive_on(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, journey, i, left, right
 ):
@@ -117,7 +123,7 @@ def drive_on(  # type: ignore[no-untyped-def]
     journey.distance_m[i] = known.distance_m
     journey.taken[i] = k + 1
     number = simulate(world, robots, scratch, template, i, left, right)
-    count_cells(motors, scratch.events, number, i)
+    look_at(motors, scratch.events, number, i)
     return True
 
 
@@ -128,17 +134,4 @@ def repeat(  # type: ignore[no-untyped-def]
     """Drive robot i with answers (n, 2) that were given before."""
     for k in range(answers.shape[0]):
         number = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
-        count_cells(motors, scratch.events, number, i)
-
-
-@numba.njit(cache=True)
-def count_cells(motors, events, number, i):  # type: ignore[no-untyped-def]
-    """Count the first events of a step in robot i's cells."""
-    counts = motors.counts[i]
-    counts[:] = 0
-    side = np.int32(motors.cells.cell)
-    for k in range(number):
-        y = np.int32(events[k].y) - np.int32(motors.cells.crop_top)
-        row, column = y // side, np.int32(events[k].x) // side
-        if 0 <= row < counts.shape[0] and column < counts.shape[1]:
-            counts[row, column] += 1
+        look_at(motors, scratch.events, number, i)

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.encoding import EncodingParameters
+from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.kernel import simulate
 
 _MOST_COUNTED = 255
@@ -106,15 +106,12 @@ def hold(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _count(cells, events, number, i):  # type: ignore[no-untyped-def]
     counts, last_seen = cells.counts[i], cells.last_seen[i]
-    counts[:] = 0
+    count_cells(events, number, cells.crop_top, cells.side, counts)
     cells.now[i] += 1
-    side = np.int32(cells.side)
-    for k in range(number):
-        y = np.int32(events[k].y) - np.int32(cells.crop_top)
-        row, column = y // side, np.int32(events[k].x) // side
-        if 0 <= row < counts.shape[0] and column < counts.shape[1]:
-            counts[row, column] += 1
-            last_seen[row, column] = cells.now[i]
+    for row in range(counts.shape[0]):
+        for column in range(counts.shape[1]):
+            if counts[row, column] > 0:
+                last_seen[row, column] = cells.now[i]
 
 
 @numba.njit(cache=True)

@@ -141,3 +141,11 @@ def test_wrong_threads_images_and_endless_laps_are_refused() -> None:
         pytest.raises(SpikelaneError, match='expected a limit, or a lap may never end'),
     ):
         fleet.lap()
+
+
+def test_a_controller_with_other_parameters_is_refused() -> None:
+    """The kernel has the parameters of all: it would drive with others than the controller's."""
+    with Fleet('rstdp', [0], simulator={'robot.engine': 'rigid'}) as fleet:
+        other = make_controller('rstdp', {'c_r': 0.02})
+        with pytest.raises(ParameterError, match='expected controllers with the same parameters'):
+            fleet.host(0, other, other.reset)

@@ -38,7 +38,8 @@ def embedded(caption: str, files: Sequence[Path]) -> Embedded:
 
     Args:
         caption: What it shows.
-        files: Files of the figure, which differ in their endings alone; an animation comes with a still picture.
+        files: Files of the figure, with one name and several endings; an animation has a still
+            picture, too.
     """
     name = files[0].stem
     drawing = next((file for file in files if file.suffix == '.svg'), None)

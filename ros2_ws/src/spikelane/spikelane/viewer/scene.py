@@ -113,7 +113,8 @@ class Scene:
     def show_events(self, stamp_ns: int, events: Events, width: int, height: int) -> int:
         """Show the events of one step, and the image that the latest make.
 
-        Where a step has very many events, an even selection is drawn as points; the image shows all.
+        Where a step has very many events, an even selection is drawn as points; the image
+        shows all.
 
         Args:
             stamp_ns: Simulation time of the packet [ns].
