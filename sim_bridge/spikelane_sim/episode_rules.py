@@ -1,7 +1,7 @@
 """The rules of an episode, as functions of numbers: what a command does, how far a robot has come.
 
-The single simulator calls them as they are, and the fleet's kernel compiles them: both follow the
-same rules, bit for bit.
+The single simulator calls them as they are, and the fleet's kernel compiles those that a step
+needs: both follow the same rules, bit for bit.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from spikelane_sim.contract import (
     TERMINATED_NO_PROGRESS,
     TERMINATED_STEP_LIMIT,
 )
+from spikelane_sim.errors import SpikelaneError
 
 #: Reasons to end an episode, by their numbers; 0 is none.
 REASONS = (
@@ -29,6 +30,23 @@ REASONS = (
 
 #: What became of a wheel command: taken as it came, not finite, or clipped to the robot's limit.
 TAKEN, NOT_FINITE, CLIPPED = range(3)
+
+
+_LAST_EPISODE = 2**32 - 1  # as a message can name it
+
+
+def check_beginning(seed: int | None, episode: int) -> None:
+    """Check the seed and the number of an episode that is to begin.
+
+    Raises:
+        SpikelaneError: A negative seed, or no such number of an episode.
+    """
+    if seed is not None and seed < 0:
+        raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
+    if not 1 <= episode <= _LAST_EPISODE:
+        raise SpikelaneError(
+            f'episode: expected a number from 1 to {_LAST_EPISODE}, got {episode}'
+        )
 
 
 class Progress(NamedTuple):

@@ -26,6 +26,7 @@ from spikelane_sim.contract import (
 from spikelane_sim.course import LanePoint, load_course
 from spikelane_sim.episode_rules import (
     admit,
+    check_beginning,
     CLIPPED,
     follow,
     heading_of,
@@ -41,8 +42,6 @@ from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: How far beyond the rectangle around the road a robot can be placed.
 AREA_MARGIN_M = 10.0
-
-_LAST_EPISODE = 2**32 - 1  # as a message can name it
 
 
 class CommandCounts(NamedTuple):
@@ -191,13 +190,7 @@ class Simulator:
         Raises:
             SpikelaneError: No such lane, a negative seed, or no such number of an episode.
         """
-        if seed is not None and seed < 0:
-            raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
-        next_episode = self._episode + 1 if seed is None else episode
-        if not 1 <= next_episode <= _LAST_EPISODE:
-            raise SpikelaneError(
-                f'episode: expected a number from 1 to {_LAST_EPISODE}, got {next_episode}'
-            )
+        check_beginning(seed, self._episode + 1 if seed is None else episode)
         lane = self._next_lane(seed is not None) if lane is None else lane
         start = self.course.lane(lane).start
         if seed is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spikelane_sim.bit_planes import words_of
 from spikelane_sim.contract import LaneState, link_rng, simulator_rng
 from spikelane_sim.course import Course, load_course
-from spikelane_sim.episode_rules import REASONS
+from spikelane_sim.episode_rules import check_beginning, REASONS
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.fleet.generators import Generators
 from spikelane_sim.fleet.kernel import (
@@ -114,8 +114,6 @@ class SimulatorFleet:
             SpikelaneError: No such lane, a negative seed, no such number of an episode, or a
                 first reset without a seed.
         """
-        if seed is not None and seed < 0:
-            raise SpikelaneError(f'seed: expected a whole number of at least 0, got {seed}')
         before = self._episodes[robot]
         if seed is not None:
             now = _Episode(seed, episode)
@@ -123,8 +121,7 @@ class SimulatorFleet:
             now = before._replace(number=before.number + 1)
         else:
             raise SpikelaneError('seed: expected one in the first reset, got none')
-        if now.number < 1:
-            raise SpikelaneError(f'episode: expected a number of at least 1, got {now.number}')
+        check_beginning(seed, now.number)
         known = self.robots.known
         names = tuple(self.course(robot).lanes)
         first = self.world.first_lane[known['course'][robot]]

@@ -143,5 +143,7 @@ def test_wrong_robots_and_resets_are_refused() -> None:
         fleet.reset(0)
     with pytest.raises(SpikelaneError, match='lane: expected outer or inner'):
         fleet.reset(0, 'middle', 1)
-    with pytest.raises(SpikelaneError, match='episode: expected a number of at least 1, got 0'):
+    with pytest.raises(
+        SpikelaneError, match='episode: expected a number from 1 to 4294967295, got 0'
+    ):
         fleet.reset(0, None, 1, episode=0)
