@@ -91,6 +91,12 @@ def _dqn() -> Result:
     return measure_dqn()
 
 
+def _startup() -> Result:
+    from spikelane_benches.startup import measure_startup
+
+    return measure_startup()
+
+
 BENCHMARKS: Mapping[str, Benchmark] = {
     'closed-loop-pybullet': Benchmark(_pybullet, 'steps_per_s', 1500, True, 'steps/s'),
     'closed-loop-rigid': Benchmark(_rigid, 'steps_per_s', 8000, True, 'steps/s'),
@@ -101,6 +107,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
     'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),
     'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST'),
+    'startup': Benchmark(_startup, 'beyond_numba_s', 0.3, False, 's beyond Numba, up to the loop'),
     'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
 }
 

@@ -1,9 +1,5 @@
 """Course, robot, event camera and Gymnasium environment; free of ROS except for `nodes`."""
 
-import gymnasium
+from spikelane_sim.registration import register_when_imported
 
-gymnasium.register(
-    'spikelane/LaneKeeping-v0',
-    entry_point='spikelane_sim.env:LaneKeepingEnv',
-    vector_entry_point='spikelane_sim.fleet.vector_env:make_vector_env',
-)
+register_when_imported()

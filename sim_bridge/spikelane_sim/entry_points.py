@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 import functools
 from importlib.metadata import entry_points, EntryPoint
-from typing import TypeVar
+import os
+import sys
+from typing import Any, TypeVar
 
 from spikelane_sim.errors import ParameterError
 
@@ -30,7 +32,7 @@ def registered(group: str, own: str = '') -> list[EntryPoint]:
         ParameterError: Our package has registered none. Its modules can be imported, since they
             are on Python's path, but it is not installed.
     """
-    points = entry_points(group=group)
+    points = _all_points(_state_of_path()).select(group=group)
     found = {(package_of(each), each.name, each.value): each for each in points}
     if own and not any(package == own for package, _, _ in found):
         raise ParameterError(
@@ -39,6 +41,19 @@ def registered(group: str, own: str = '') -> list[EntryPoint]:
         )
     order = sorted(found, key=lambda key: (key[0] != own, key[1], key[0]))
     return [found[key] for key in order]
+
+
+def _state_of_path() -> tuple[tuple[str, int], ...]:
+    """Return Python's path with the times at which something was installed there [ns]."""
+    folders = (folder for folder in sys.path if os.path.isdir(folder or '.'))
+    return tuple((folder, os.stat(folder or '.').st_mtime_ns) for folder in folders)
+
+
+@functools.lru_cache(maxsize=1)
+def _all_points(state: tuple[tuple[str, int], ...]) -> Any:
+    """Return the entry points of all groups: a search reads a file of every distribution."""
+    del state  # only says whether the last search is still valid
+    return entry_points()
 
 
 @functools.cache
