@@ -1,4 +1,4 @@
-"""What tests of installations share: this machine's Pythons, commands as in a new shell."""
+"""What tests of the core share: this machine's Pythons, commands as in a new shell, figures."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from pathlib import Path
 import shutil
 import subprocess
 import sys
+from typing import Any
 
 import pytest
+
+from spikelane_sim import figure_style
 
 #: The minor versions of Python 3 that are supported.
 MINORS = (10, 11, 12, 13)
@@ -92,3 +95,17 @@ def _run_anew(*command: str | Path, cwd: Path | None = None, **variables: str) -
     assert done.returncode == 0, done.stderr
     assert 'pybullet build time' not in done.stdout + done.stderr
     return done.stderr
+
+
+@pytest.fixture
+def drawn_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Give a list to which every figure of matplotlib that is saved is added."""
+    figures: list[Any] = []
+    save = figure_style.save
+
+    def keep(figure: Any, path: Path) -> tuple[Path, ...]:
+        figures.append(figure)
+        return save(figure, path)
+
+    monkeypatch.setattr(figure_style, 'save', keep)
+    return figures

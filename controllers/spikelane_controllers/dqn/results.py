@@ -159,7 +159,9 @@ class DqnResults(TrainingResults):
     def _draw_episodes(self, path: Path, title: str) -> tuple[Path, ...]:
         from spikelane_controllers.dqn.episodes_figure import draw_episodes
 
-        return draw_episodes(self, tuple(self.course().lanes), path, title)
+        steps = self.run.config[self.run.controller]['task.steps_per_action']
+        action_step = f'{steps * STEP_S:g} s ({steps} steps of {1000 * STEP_S:g} ms)'
+        return draw_episodes(self, tuple(self.course().lanes), action_step, path, title)
 
     def _draw_states(self, path: Path, title: str) -> tuple[Path, ...]:
         from spikelane_controllers.dqn.state_images_figure import draw_state_images
@@ -167,7 +169,8 @@ class DqnResults(TrainingResults):
         states = read_states(self.run.folder)
         if not len(states):
             raise NothingToDrawError(f'{self.run.folder}: expected states met, got none')
-        return draw_state_images(states, path, title)
+        frames = self.run.config[self.run.controller]['image.frames']
+        return draw_state_images(states, frames, path, title)
 
 
 def _is_full(episode: Termination) -> bool:

@@ -12,17 +12,26 @@ from spikelane_sim import figure_style as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
-_SIZE_IN = (10.6, 4.0)
+_SIZE_IN = (10.6, 3.4)
 _SHOWN = 4
 _COLOURS = 'BuPu'
+_LEFT, _RIGHT, _GAP = 0.045, 0.90, 0.012
+_HIGHEST = 0.36
+_COUNTS, _INPUTS = 0.51, 0.12  # bottom of each row of images
+_BAR = (0.915, 0.012)  # left and width of the scales
 
 
-def draw_state_images(states: NDArray[np.uint8], path: Path, title: str = '') -> tuple[Path, ...]:
-    """Draw some of the states met in a training, evenly spread over it.
+def draw_state_images(
+    states: NDArray[np.uint8], frames: int, path: Path, title: str = ''
+) -> tuple[Path, ...]:
+    """Draw some of the states met in a training that have events, evenly spread over it.
 
     Args:
         states: Counts, (n, rows, columns), n at least 1.
+        frames: Number of steps of 50 ms over which a state counts events.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
 
@@ -32,24 +41,59 @@ def draw_state_images(states: NDArray[np.uint8], path: Path, title: str = '') ->
     Raises:
         SpikelaneError: The path has another ending, or it cannot be written.
     """
-    chosen = np.unique(np.linspace(0, len(states) - 1, _SHOWN + 2).astype(int)[1:-1])
+    has_events = states.any(axis=(1, 2))
+    # A state without events shows nothing; how many there are is said in words.
+    worth = np.flatnonzero(has_events) if has_events.any() else np.arange(len(states))
+    chosen = worth[np.unique(np.linspace(0, len(worth) - 1, _SHOWN + 2).astype(int)[1:-1])]
+    most = max(int(states[chosen].max()), 1)
     with style.settings():
         figure = style.new_figure(*_SIZE_IN)
-        style.write_title(figure, title, 'events in ten steps, and as the network sees them')
-        width = 0.96 / len(chosen)
+        empty = 100 * (1 - has_events.mean())
+        style.write_title(figure, title, f'{empty:.1f} % of all states are without events')
+        width = (_RIGHT - _LEFT + _GAP) / len(chosen)
+        rows, columns = states.shape[1:]
+        square = (width - _GAP) * _SIZE_IN[0] / _SIZE_IN[1] * rows / columns  # of square cells
+        height = min(square, _HIGHEST)
         for place, index in enumerate(chosen.tolist()):
-            left = 0.02 + place * width
-            for bottom, image in ((0.47, states[index]), (0.04, states[index] > 0)):
-                axes = figure.add_axes((left, bottom, 0.94 * width, 0.38))
-                _draw(axes, image)
-            axes.set_xlabel('')
-            figure.text(left, 0.87, f'state {index + 1:,}', fontsize=style.SMALL_PT)
+            left = _LEFT + place * width
+            boxes = [(left, bottom, width - _GAP, height) for bottom in (_COUNTS, _INPUTS)]
+            counts, inputs = (figure.add_axes(box) for box in boxes)
+            shown = _draw(counts, states[index], most)
+            _draw(inputs, states[index] > 0, 1)
+            counts.set_title(f'action step {index + 1:,}', fontsize=style.SMALL_PT)
+            if not place:
+                counts.set_yticks([0, rows - 1])
+                inputs.set_yticks([0, rows - 1])
+                inputs.set_xticks([0, columns - 1])
+                counts.set_ylabel('row of cells', fontsize=style.SMALL_PT)
+                inputs.set_xlabel('column of cells', fontsize=style.SMALL_PT)
+        _explain(figure, shown, frames, height)
         return style.save(figure, path)
 
 
-def _draw(axes: Axes, image: NDArray[np.generic]) -> None:
-    axes.imshow(image, cmap=_COLOURS, vmin=0, interpolation='nearest', aspect='equal')
+def _draw(axes: Axes, image: NDArray[np.generic], most: int) -> AxesImage:
+    """Draw an image whose darkest colour stands for a number."""
+    shown = axes.imshow(
+        image, cmap=_COLOURS, vmin=0, vmax=most, interpolation='nearest', aspect='equal'
+    )
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set_visible(True)
+    return shown
+
+
+def _explain(figure: Figure, counts: AxesImage, frames: int, height: float) -> None:
+    """Draw the scale of the counts, and that of the network's inputs, which are 0 or 1."""
+    from matplotlib.cm import ScalarMappable
+
+    inputs = ScalarMappable(cmap=counts.get_cmap().resampled(2))
+    inputs.set_clim(-0.5, 1.5)
+    for bottom, scale, words in (
+        (_COUNTS, counts, f'events in {frames} steps'),
+        (_INPUTS, inputs, "network's input"),
+    ):
+        axes = figure.add_axes((_BAR[0], bottom, _BAR[1], height))
+        bar = figure.colorbar(scale, cax=axes, label=words)
+        if scale is inputs:
+            bar.set_ticks([0, 1])

@@ -389,7 +389,7 @@ def test_laps_under_difficulties_are_counted() -> None:
         simulator = {'pixels.model': 'coppelia', 'pixels.coppelia.noise_rate_hz': noise_hz}
         error = None if error_m is None else {'mean': error_m}
         shares = {'successes': completed, 'n': 10}
-        laps = {'completed': shares, 'mean_abs_distance_m': error}
+        laps = {'unit': 'seed', 'completed': shares, 'mean_abs_distance_m': error}
         return {'controller': 'rstdp', 'simulator': simulator, 'laps': {'all': laps}}
 
     results = {'name': 'x', 'groups': [group(0.1, 0, None), group(0.0, 10, 0.00482)]}

@@ -5,7 +5,7 @@ What takes long to import (matplotlib, and numba with the geometry) is imported 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import itertools
 import math
 import pathlib
@@ -20,6 +20,7 @@ from spikelane_sim.contract import TERMINATED_LANE_LOST
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     from spikelane_sim.course import Course, Lane
@@ -113,13 +114,33 @@ def draw_path(axes: Axes, trajectory: Trajectory) -> None:
         axes.plot(*points[-1], 'x', color=style.INK, markersize=8, markeredgewidth=2, zorder=6)
 
 
+def explain_path(figure: Figure, drives: Sequence[Trajectory]) -> None:
+    """Explain at a figure's foot what `draw_path` draws of some drives."""
+    from matplotlib.lines import Line2D
+
+    close = f'close to it (within {_CLOSE:.0%} of the largest |d| of the drive)'
+    sides = ((1, "right of the lane's centre"), (-1, 'left of it'), (0, close))
+    handles = [
+        Line2D([], [], color=_SIDE_COLOURS[side], linewidth=2.2, label=words)
+        for side, words in sides
+    ]
+    marks = [('>', 'start')]
+    if any(drive.reason == TERMINATED_LANE_LOST for drive in drives):
+        marks.append(('x', 'lane lost'))
+    handles += [
+        Line2D([], [], linestyle='', marker=marker, color=style.INK, markersize=8, label=words)
+        for marker, words in marks
+    ]
+    style.write_legend(figure, list(handles))
+
+
 def marking_outlines(course: Course) -> list[Floats]:
     """Return the outlines of all pieces of the markings, (n, 2) in metres each."""
     return [_piece_outline(piece) for piece in course.ground.pieces]
 
 
 def _draw_sections(axes: Axes, course: Course, lane: Lane) -> None:
-    """Mark the sections' beginnings across the road and write their names beside it."""
+    """Mark the sections' beginnings across the road and write their names next to it."""
     half_m = course.road_width_m / 2
     round_about = sum(part.curvature * (part.end_m - part.start_m) for part in lane.sections)
     for section in lane.sections:

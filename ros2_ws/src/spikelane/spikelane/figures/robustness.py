@@ -2,7 +2,9 @@
 
 It is drawn from the results of an experiment. What a condition changes is read from the
 simulator's parameters that its runs had, never from its name. Runs that differ in one difficulty
-alone, and in nothing else, are a curve.
+alone, and in nothing else, are a curve. Points of several controllers at one value are drawn next
+to each other, the first one at the value and the others to its right: no point stands at a value
+below the smallest one that was driven.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
+from spikelane.figures.value_axis import ValueAxis
+from spikelane.runs.evaluate.summary import UNITS
 from spikelane_controllers.registry import title as controller_title
 from spikelane_sim import figure_style as style
 from spikelane_sim.errors import SpikelaneError
@@ -47,8 +51,7 @@ _LEFT, _RIGHT, _GAP = 0.075, 0.99, 0.02
 _ROWS = ((0.56, 0.34), (0.17, 0.34))  # bottom and height: of the error, of the laps
 _COLOURS = (style.RIGHT, style.LEFT, '#009e73', '#cc79a7')
 _MARKERS = 'osD^'
-_BESIDE_PT = 2.5  # from one controller's points to the next one's, which would cover them
-_MARGIN = 0.07  # outside the first and last value, as a share of the distance between them
+_APART_PT = 2.5  # from one controller's points to the next one's, which would cover them
 _ABOVE_MEANS = 1.6  # how high the errors' axis is, of the largest mean
 
 
@@ -58,6 +61,7 @@ class RobustnessPoint(NamedTuple):
     value: float  # of the difficulty
     completed: Mapping[str, Any]  # share_statistics
     error_m: Mapping[str, Any] | None  # mean_statistics of completed laps; None without any
+    unit: str  # what is independent, one of `runs.evaluate.summary.UNITS`
 
 
 def robustness_curves(results: Mapping[str, Any]) -> dict[str, dict[str, list[RobustnessPoint]]]:
@@ -108,7 +112,12 @@ def _curves(
         if len(values) != 1 or not isinstance(value := values.pop(), (int, float)):
             continue
         laps = group['laps']['all']
-        measured = RobustnessPoint(float(value), laps['completed'], laps['mean_abs_distance_m'])
+        measured = RobustnessPoint(
+            float(value),
+            laps['completed'],
+            laps['mean_abs_distance_m'],
+            laps['unit'],
+        )
         rest['filter'] = group.get('filter')
         key = group['controller'], json.dumps(rest, sort_keys=True)
         found.setdefault(key, []).append(measured)
@@ -137,8 +146,6 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
         SpikelaneError: There is nothing to draw, the path has another ending, or it cannot be
             written.
     """
-    from matplotlib.transforms import ScaledTranslation
-
     curves = robustness_curves(results)
     controllers = list(dict.fromkeys(name for found in curves.values() for name in found))
     looks: dict[str, dict[str, Any]] = {
@@ -147,7 +154,7 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
     }
     with style.settings():
         figure = style.new_figure(*_SIZE_IN)
-        style.write_title(figure, title, 'lines down and up: 95 % intervals, wide ones cut')
+        style.write_title(figure, title, _in_words(curves))
         width = (_RIGHT - _LEFT - _GAP * (len(curves) - 1)) / len(curves)
         shared: list[Axes | None] = [None, None]
         for index, (difficulty, by_controller) in enumerate(curves.items()):
@@ -157,55 +164,87 @@ def draw_robustness(results: Mapping[str, Any], path: Path, title: str = '') -> 
                 for (bottom, height), axes in zip(_ROWS, shared, strict=True)
             ]
             shared = [*panels]
-            for controller, curve in by_controller.items():
-                beside_pt = _BESIDE_PT * (
-                    controllers.index(controller) - (len(controllers) - 1) / 2
-                )
-                for axes, draw in zip(panels, (_draw_error, _draw_completed), strict=True):
-                    moved = axes.transData + ScaledTranslation(
-                        beside_pt / 72, 0, figure.dpi_scale_trans
-                    )
-                    draw(axes, curve, {**looks[controller], 'transform': moved})
-            panels[0].tick_params(labelbottom=False, labelleft=not index)
-            panels[1].tick_params(labelleft=not index)
-            panels[1].set_xlabel(DIFFICULTIES[difficulty])
-            # Also where no lap was completed there is a place for an error.
-            values = [each.value for curve in by_controller.values() for each in curve]
-            margin = _MARGIN * ((max(values) - min(values)) or 1.0)
+            _draw_difficulty(panels, difficulty, by_controller, looks)
             for axes in panels:
-                axes.set_xlim(min(values) - margin, max(values) + margin)
+                axes.tick_params(labelleft=not index)
         errors, completed = figure.axes[:2]
         errors.set_ylim(0, _highest_m(curves))
         errors.set_ylabel('mean error of laps [m]')
         completed.set_ylim(-4, 104)
         completed.set_ylabel('laps completed [%]')
-        _explain(figure, looks)
+        _explain(figure, looks, curves)
         return style.save(figure, path)
 
 
-def _draw_error(axes: Axes, curve: list[RobustnessPoint], look: dict[str, Any]) -> None:
+def _draw_difficulty(
+    panels: Sequence[Axes],
+    difficulty: str,
+    by_controller: Mapping[str, list[RobustnessPoint]],
+    looks: Mapping[str, dict[str, Any]],
+) -> None:
+    """Draw the curves of one difficulty: errors in the first panel, laps completed below."""
+    from matplotlib.transforms import ScaledTranslation
+
+    # Also where no lap was completed there is a place for an error.
+    axis = ValueAxis.of(each.value for curve in by_controller.values() for each in curve)
+    for axes, draw in zip(panels, (_draw_error, _draw_completed), strict=True):
+        axis.set_up(axes)
+        for place, (controller, look) in enumerate(looks.items()):
+            apart = ScaledTranslation(place * _APART_PT / 72, 0, axes.figure.dpi_scale_trans)
+            moved = {**look, 'transform': axes.transData + apart}
+            draw(axes, axis, by_controller.get(controller, []), moved)
+    panels[0].tick_params(labelbottom=False)
+    panels[1].set_xlabel(axis.named(DIFFICULTIES[difficulty]))
+
+
+def _draw_error(
+    axes: Axes, axis: ValueAxis, curve: list[RobustnessPoint], look: dict[str, Any]
+) -> None:
     points = [(each.value, each.error_m) for each in curve if each.error_m is not None]
-    values, means = [x for x, _ in points], [error['mean'] for _, error in points]
-    axes.plot(values, means, linewidth=1.2, markersize=4, **look)
-    spread = [(x, error) for x, error in points if error['ci_low'] is not None]
+    means = [error['mean'] for _, error in points]
+    _draw_curve(axes, axis, [value for value, _ in points], means, look)
+    spread = [(axis.place(x), error) for x, error in points if error['ci_low'] is not None]
     low, high = ([error[end] for _, error in spread] for end in ('ci_low', 'ci_high'))
     _draw_intervals(axes, [x for x, _ in spread], low, high, look)
 
 
-def _draw_completed(axes: Axes, curve: list[RobustnessPoint], look: dict[str, Any]) -> None:
+def _draw_completed(
+    axes: Axes, axis: ValueAxis, curve: list[RobustnessPoint], look: dict[str, Any]
+) -> None:
     values = [each.value for each in curve]
     shares, low, high = (
         [100 * each.completed[name] for each in curve] for name in ('share', 'ci_low', 'ci_high')
     )
-    axes.plot(values, shares, linewidth=1.2, markersize=4, **look)
-    _draw_intervals(axes, values, low, high, look)
+    _draw_curve(axes, axis, values, shares, look)
+    _draw_intervals(axes, [axis.place(value) for value in values], low, high, look)
+
+
+def _draw_curve(
+    axes: Axes,
+    axis: ValueAxis,
+    values: Sequence[float],
+    heights: Sequence[float],
+    look: Mapping[str, Any],
+) -> None:
+    """Draw points and the line through them, dotted where the axis is broken."""
+    places = [axis.place(value) for value in values]
+    first = int(axis.zero_at is not None and values[:1] == [0.0])
+    axes.plot(places, heights, linestyle='', markersize=4, **look)
+    line = {'color': look['color'], 'transform': look['transform'], 'linewidth': 1.2}
+    axes.plot(places[first:], heights[first:], **line)
+    if first:
+        axes.plot(places[:2], heights[:2], linestyle=':', **line)
 
 
 def _draw_intervals(
-    axes: Axes, values: list[float], low: list[float], high: list[float], look: dict[str, Any]
+    axes: Axes,
+    places: Sequence[float],
+    low: Sequence[float],
+    high: Sequence[float],
+    look: Mapping[str, Any],
 ) -> None:
     lines = {'color': look['color'], 'transform': look['transform'], 'linewidth': 1.0}
-    axes.vlines(values, low, high, **lines)
+    axes.vlines(places, low, high, **lines)
 
 
 def _highest_m(curves: Mapping[str, Mapping[str, list[RobustnessPoint]]]) -> float | None:
@@ -223,13 +262,34 @@ def _highest_m(curves: Mapping[str, Mapping[str, list[RobustnessPoint]]]) -> flo
     return _ABOVE_MEANS * max(means) if means else None
 
 
-def _explain(figure: Figure, looks: Mapping[str, dict[str, Any]]) -> None:
+def _explain(
+    figure: Figure,
+    looks: Mapping[str, dict[str, Any]],
+    curves: Mapping[str, Mapping[str, list[RobustnessPoint]]],
+) -> None:
     from matplotlib.lines import Line2D
 
     style.write_legend(
         figure,
         [
-            Line2D([], [], markersize=4, linewidth=1.2, label=controller_title(name), **look)
+            Line2D([], [], markersize=4, linewidth=1.2, label=_label(name, curves), **look)
             for name, look in looks.items()
         ],
     )
+
+
+def _in_words(curves: Mapping[str, Mapping[str, list[RobustnessPoint]]]) -> str:
+    units = dict.fromkeys(
+        UNITS[each.unit] for found in curves.values() for curve in found.values() for each in curve
+    )
+    return (
+        f'n: laps at each value; vertical lines: 95 % intervals over {" or ".join(units)}, '
+        'wide ones cut'
+    )
+
+
+def _label(controller: str, curves: Mapping[str, Mapping[str, list[RobustnessPoint]]]) -> str:
+    """Return a controller's name and how many laps it drove at each value."""
+    laps = [each.completed['n'] for found in curves.values() for each in found.get(controller, ())]
+    low, high = min(laps), max(laps)
+    return f'{controller_title(controller)}, n = {low}' + (f' to {high}' if high > low else '')

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
 from spikelane.experiment.sweeps import PREFIX, swept_value
+from spikelane.figures.value_axis import ValueAxis
 from spikelane_controllers.registry import title
 from spikelane_sim import figure_style as style
 from spikelane_sim.errors import SpikelaneError
@@ -16,11 +17,11 @@ from spikelane_sim.figure_values import tell_values, Value
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _WIDTH_IN, _PANEL_IN, _TOP_IN, _FOOT_IN = 7.2, 2.3, 0.5, 0.7
 _COLUMNS, _ROW_IN = 2, 0.22  # of the legend
 _LEFT, _RIGHT, _GAP_IN = 0.14, 0.97, 0.2
-_LOG_FROM = 20.0  # largest by smallest value: then the axis is logarithmic
 _ABOVE = 1.6  # how high an axis is, of the largest value: an interval of two can be much wider
 _MARKERS = 'osD^v<>'
 
@@ -123,12 +124,11 @@ def draw_sweep(
     measured = sweep_lines(results, parameter)
     if not measured:
         raise SpikelaneError(f'sweep of {parameter}: expected finished runs, got none')
+    axis = _value_axis(measured)
     names = list(dict.fromkeys(words for lines in measured.values() for words in lines))
     foot_in = _FOOT_IN + _ROW_IN * math.ceil(len(names) / _COLUMNS)
     height_in = _TOP_IN + foot_in + len(measured) * (_PANEL_IN + _GAP_IN)
     with style.settings():
-        from matplotlib.lines import Line2D
-
         figure = style.new_figure(_WIDTH_IN, height_in)
         style.write_title(figure, heading, 'vertical lines: 95 % intervals, wide ones cut')
         looks: dict[str, dict[str, Any]] = {
@@ -142,50 +142,78 @@ def draw_sweep(
             bottom_in = height_in - _TOP_IN - (index + 1) * (_PANEL_IN + _GAP_IN) + _GAP_IN
             place = (_LEFT, bottom_in / height_in, _RIGHT - _LEFT, _PANEL_IN / height_in)
             axes = figure.add_axes(place, sharex=axes)
-            for words, points in lines.items():
-                _draw_line(axes, points, looks[words])
-            tell_values(
-                axes,
-                (
-                    Value(
-                        _told(words, parameter, point), (point.value,) * 2, (point.measured,) * 2
-                    )
-                    for words, points in lines.items()
-                    for point in points
-                    if isinstance(point.value, float)
-                ),
-            )
-            axes.set_ylabel(MEASURES[measure])
-            if measure == 'completed':
-                axes.set_ylim(-4, 104)
-            else:
-                axes.set_ylim(0, _ABOVE * max(p.measured for each in lines.values() for p in each))
-            is_last = index == len(measured) - 1
-            axes.tick_params(labelbottom=is_last)
+            _draw_panel(axes, axis, measure, lines, looks)
+            _tell(axes, axis, parameter, lines)
+            axes.tick_params(labelbottom=index == len(measured) - 1)
         assert axes is not None
-        lines_of_all = itertools.chain.from_iterable(each.values() for each in measured.values())
-        _scale(axes, [point.value for points in lines_of_all for point in points])
-        axes.set_xlabel(parameter)
-        figure.legend(
-            handles=[
-                Line2D([], [], markersize=4, linewidth=1.2, label=words, **looks[words])
-                for words in names
-            ],
-            loc='lower left',
-            bbox_to_anchor=(0.05, 0.0),
-            ncols=_COLUMNS,
-            fontsize=style.SMALL_PT,
-            frameon=False,
-        )
+        axes.set_xlabel(axis.named(parameter) if axis is not None else parameter)
+        _explain(figure, looks)
         return style.save(figure, path)
 
 
-def _draw_line(axes: Axes, points: Sequence[SweepPoint], look: Mapping[str, Any]) -> None:
-    values = [point.value for point in points]
-    axes.plot(values, [point.measured for point in points], linewidth=1.2, markersize=4, **look)
-    for point in points:
+def _draw_panel(
+    axes: Axes,
+    axis: ValueAxis | None,
+    measure: str,
+    lines: Lines,
+    looks: Mapping[str, Mapping[str, Any]],
+) -> None:
+    if axis is not None:
+        axis.set_up(axes)
+    for words, points in lines.items():
+        _draw_line(axes, axis, points, looks[words])
+    axes.set_ylabel(MEASURES[measure])
+    if measure == 'completed':
+        axes.set_ylim(-4, 104)
+    else:
+        axes.set_ylim(0, _ABOVE * max(p.measured for each in lines.values() for p in each))
+
+
+def _tell(axes: Axes, axis: ValueAxis | None, parameter: str, lines: Lines) -> None:
+    """Let each point that stands at a number tell its values."""
+    tell_values(
+        axes,
+        (
+            Value(
+                _told(words, parameter, point),
+                (_place(axis, point.value),) * 2,
+                (point.measured,) * 2,
+            )
+            for words, points in lines.items()
+            for point in points
+            if isinstance(point.value, float)
+        ),
+    )
+
+
+def _explain(figure: Figure, looks: Mapping[str, Mapping[str, Any]]) -> None:
+    from matplotlib.lines import Line2D
+
+    figure.legend(
+        handles=[
+            Line2D([], [], markersize=4, linewidth=1.2, label=words, **look)
+            for words, look in looks.items()
+        ],
+        loc='lower left',
+        bbox_to_anchor=(0.05, 0.0),
+        ncols=_COLUMNS,
+        fontsize=style.SMALL_PT,
+        frameon=False,
+    )
+
+
+def _draw_line(
+    axes: Axes, axis: ValueAxis | None, points: Sequence[SweepPoint], look: Mapping[str, Any]
+) -> None:
+    places = [_place(axis, point.value) for point in points]
+    axes.plot(places, [point.measured for point in points], linewidth=1.2, markersize=4, **look)
+    for place, point in zip(places, points, strict=True):
         if point.ci_low is not None and point.ci_high is not None:
-            axes.vlines(point.value, point.ci_low, point.ci_high, color=look['color'], linewidth=1)
+            axes.vlines(place, point.ci_low, point.ci_high, color=look['color'], linewidth=1)
+
+
+def _place(axis: ValueAxis | None, value: float | str) -> Any:
+    return axis.place(value) if axis is not None and isinstance(value, float) else value
 
 
 def _told(words: str, parameter: str, point: SweepPoint) -> str:
@@ -195,9 +223,9 @@ def _told(words: str, parameter: str, point: SweepPoint) -> str:
     return f'{words}, {parameter} {point.value:g}: {point.measured:.4g}{interval}'
 
 
-def _scale(axes: Axes, values: Sequence[float | str]) -> None:
-    """Let the axis of the values be logarithmic where they span more than a factor of 20."""
+def _value_axis(measured: Mapping[str, Lines]) -> ValueAxis | None:
+    """Return the axis of the values, None where some are words, which stand at equal distances."""
+    lines = itertools.chain.from_iterable(each.values() for each in measured.values())
+    values = [point.value for points in lines for point in points]
     numbers = [value for value in values if isinstance(value, float)]
-    are_positive = len(numbers) == len(values) and min(numbers) > 0
-    if are_positive and max(numbers) / min(numbers) >= _LOG_FROM:
-        axes.set_xscale('log')
+    return ValueAxis.of(numbers) if len(numbers) == len(values) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ ROOT = Path(__file__).parents[5]
 def group(errors: list[float], laps: int = 4, **simulator: Any) -> dict[str, Any]:
     """Return a group of an experiment's results: laps, some with the errors of completed ones."""
     measured = {
+        'unit': 'seed',
         'completed': share_statistics(len(errors), laps),
         'mean_abs_distance_m': mean_statistics(errors),
     }
@@ -118,6 +120,40 @@ def test_the_figure_of_robustness_is_the_same_each_time(tmp_path: Path) -> None:
         == draw_robustness({'groups': groups}, file, 'Robustness')[0].read_bytes()
     )
     assert len(draw_robustness({'groups': groups}, tmp_path / 'b')) == 2
+
+
+def test_no_point_stands_at_a_value_below_those_driven(
+    tmp_path: Path, drawn_figures: list[Any]
+) -> None:
+    """Noise has a log axis whose zero has a place of its own; others are moved to the right."""
+    groups = [
+        {**group(errors, laps, **simulator), 'controller': controller}
+        for controller, laps in (('rstdp', 4), ('dqn', 2))
+        for errors, simulator in (
+            ([0.01, 0.02], {}),
+            ([0.02], {'pixels__coppelia__noise_rate_hz': 0.01}),
+            ([], {'pixels__coppelia__noise_rate_hz': 0.3}),
+            ([0.01], {'link__latency_ms': 50}),
+        )
+    ]
+    [file] = draw_robustness({'groups': groups}, tmp_path / 'a.svg', 'Robustness')
+    said = re.findall(r'<!-- (.*?) -->', file.read_text())
+    assert {'R-STDP, n = 4', 'DQN, n = 2', '//', 'noise rate of a pixel [Hz], log scale'} <= {
+        *said
+    }
+    assert (
+        'n: laps at each value; vertical lines: 95 % intervals over seeds, wide ones cut' in said
+    )
+    _, noise, _, latency = drawn_figures[0].axes
+    assert [text.get_text() for text in noise.get_xticklabels()] == ['0', '0.01', '0.3']
+    assert [text.get_text() for text in latency.get_xticklabels()] == ['0', '50']
+    assert (noise.get_xscale(), latency.get_xscale()) == ('log', 'linear')
+    for axes in (noise, latency):
+        zero = axes.transData.transform((axes.get_xticks()[0], 0.0))[0]
+        points = [line for line in axes.lines if line.get_marker() != 'None']
+        first = [line.get_transform().transform(line.get_xydata()[0])[0] for line in points]
+        assert first == pytest.approx([zero, zero + 2.5 * drawn_figures[0].dpi / 72])
+    assert 0 < noise.get_xticks()[0] < 0.01
 
 
 def test_the_experiment_on_robustness_has_what_the_figure_wants() -> None:

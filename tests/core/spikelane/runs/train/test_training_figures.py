@@ -58,21 +58,7 @@ def texts(svg: Path) -> list[str]:
     return re.findall(r'<!-- (.*?) -->', svg.read_text())
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return a list that the figures drawn are put in."""
-    figures: list[Any] = []
-    save = style.save
-
-    def keep(figure: Any, path: Path) -> tuple[Path, ...]:
-        figures.append(figure)
-        return save(figure, path)
-
-    monkeypatch.setattr(style, 'save', keep)
-    return figures
-
-
-def test_the_weights_are_written_in_their_cells(tmp_path: Path, drawn: list[Any]) -> None:
+def test_the_weights_are_written_in_their_cells(tmp_path: Path, drawn_figures: list[Any]) -> None:
     """Left neuron first, row 0 at the top, on one scale that begins at zero."""
     weights_pa = np.arange(64, dtype=np.float64).reshape(2, 32) * 10
     files = draw_weights(
@@ -82,7 +68,7 @@ def test_the_weights_are_written_in_their_cells(tmp_path: Path, drawn: list[Any]
     said = texts(files[0])
     for text in ('R-STDP', 'left motor neuron', 'right motor neuron', 'weight [pA]'):
         assert text in said
-    left, right = drawn[0].axes[:2]
+    left, right = drawn_figures[0].axes[:2]
     for axes, first in ((left, 0), (right, 320)):
         image = axes.images[0]
         assert (image.norm.vmin, image.norm.vmax) == (0.0, 630.0)
@@ -93,11 +79,11 @@ def test_the_weights_are_written_in_their_cells(tmp_path: Path, drawn: list[Any]
         assert axes.yaxis_inverted()
 
 
-def test_the_weights_are_drawn_over_the_steps(tmp_path: Path, drawn: list[Any]) -> None:
+def test_the_weights_are_drawn_over_the_steps(tmp_path: Path, drawn_figures: list[Any]) -> None:
     """All 64 in the colour of their half, from step 0 to the last, and the lane losses."""
     training = trained(np.stack([LEFT, RIGHT]), TERMINATIONS)
     draw_weights(training, EncodingParameters(), tmp_path / 'weights.svg')
-    left, right = [axes for axes in drawn[0].axes if axes.get_xlabel().startswith('step')]
+    left, right = [axes for axes in drawn_figures[0].axes if axes.get_xlabel().startswith('step')]
     for axes in (left, right):
         assert [len(line.get_xdata()) for line in axes.lines] == [3] * 32 + [2] * 3
         assert [line.get_xdata()[0] for line in axes.lines[32:]] == [778, 1034, 12345]
@@ -108,23 +94,25 @@ def test_the_weights_are_drawn_over_the_steps(tmp_path: Path, drawn: list[Any]) 
     assert list(right.lines[27].get_ydata()) == [200, 100, 0]
 
 
-def test_weights_between_two_savings_are_drawn_too(tmp_path: Path, drawn: list[Any]) -> None:
+def test_weights_between_two_savings_are_drawn_too(
+    tmp_path: Path, drawn_figures: list[Any]
+) -> None:
     """The lines end where the images are."""
     training = trained(np.stack([LEFT, RIGHT]), [], steps=12_000)
     draw_weights(training, EncodingParameters(), tmp_path / 'weights.svg')
-    axes = drawn[0].axes[-1]
+    axes = drawn_figures[0].axes[-1]
     assert list(axes.lines[28].get_xdata()) == [0, 10_000, 12_000]
     assert list(axes.lines[28].get_ydata()) == [200, 1100, 2000]
 
 
-def test_inputs_that_saw_no_events_are_hatched(tmp_path: Path, drawn: list[Any]) -> None:
+def test_inputs_that_saw_no_events_are_hatched(tmp_path: Path, drawn_figures: list[Any]) -> None:
     """They are those whose weights to both neurons never moved."""
     weights_pa = np.stack([LEFT, RIGHT])
     weights_pa[:, 31] = 200.0
     weights_pa[0, 30] = 200.0
     [file] = draw_weights(trained(weights_pa, []), EncodingParameters(), tmp_path / 'weights.svg')
     assert 'saw no events' in texts(file)
-    for axes in drawn[0].axes[:2]:
+    for axes in drawn_figures[0].axes[:2]:
         assert [patch.get_xy() for patch in axes.patches] == [(6.5, 2.5)]
 
 
@@ -183,13 +171,13 @@ def test_weights_that_are_all_the_same_have_no_correlation() -> None:
     assert list(found.values()) == [None] * 6
 
 
-def test_every_episode_ends_where_it_did(tmp_path: Path, drawn: list[Any]) -> None:
+def test_every_episode_ends_where_it_did(tmp_path: Path, drawn_figures: list[Any]) -> None:
     """A panel per lane; laps end one lane's length farther on, as does what comes after them."""
     files = draw_terminations(
         trained(np.ones((2, 32)), TERMINATIONS), load_course('scenario_1'), tmp_path / 'ends'
     )
     assert [file.name for file in files] == ['ends.svg', 'ends.png']
-    outer, inner = drawn[0].axes
+    outer, inner = drawn_figures[0].axes
     assert ends(outer) == [
         (778, pytest.approx(5.99), 'X', style.RIGHT),
         (5700, pytest.approx(0.52 + 31.992, abs=1e-3), 'o', style.INK),
@@ -211,7 +199,9 @@ def ends(axes: Any) -> list[tuple[int, float, str, str]]:
     ]
 
 
-def test_the_sections_are_marked_in_each_lanes_order(tmp_path: Path, drawn: list[Any]) -> None:
+def test_the_sections_are_marked_in_each_lanes_order(
+    tmp_path: Path, drawn_figures: list[Any]
+) -> None:
     """Each with its letter in the middle of its band, which is as long as the section."""
     training = trained(np.ones((2, 32)), TERMINATIONS)
     [file] = draw_terminations(training, load_course('scenario_1'), tmp_path / 'ends.svg')
@@ -227,7 +217,7 @@ def test_the_sections_are_marked_in_each_lanes_order(tmp_path: Path, drawn: list
     ):
         assert text in said
     assert 'ended otherwise' not in said
-    places = {text.get_text(): text.get_position()[1] for text in drawn[0].axes[0].texts}
+    places = {text.get_text(): text.get_position()[1] for text in drawn_figures[0].axes[0].texts}
     assert places['A'] == pytest.approx(2.5)
     assert places['B'] == pytest.approx(5 + 3.534 / 2, abs=1e-3)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TYPE_CHECKING
 
-from spikelane.figures.course_map import draw_course, draw_path
+from spikelane.figures.course_map import draw_course, draw_path, explain_path
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
 
@@ -22,6 +22,7 @@ _COLUMNS = 3
 _WIDTH_IN = 10.6
 _ROW_IN = 3.7
 _TOP_IN = 0.4  # for the title
+_FOOT_IN = 0.35  # for the legend
 _TEXT_IN = 0.45  # for a course's name and results
 
 
@@ -42,7 +43,7 @@ def draw_courses(
         driven: At least one course; the first MOST are drawn.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
-        result: Beside the title.
+        result: At the right of the title.
 
     Returns:
         The files written.
@@ -52,7 +53,7 @@ def draw_courses(
     """
     shown = driven[:MOST]
     rows = -(-len(shown) // _COLUMNS)
-    height_in = _TOP_IN + rows * _ROW_IN
+    height_in = _TOP_IN + rows * _ROW_IN + _FOOT_IN
     with style.settings():
         figure = style.new_figure(_WIDTH_IN, height_in)
         style.write_title(figure, title, result)
@@ -63,6 +64,7 @@ def draw_courses(
             width = 1 / _COLUMNS
             axes = figure.add_axes((column * width + 0.01, bottom, width - 0.02, height))
             _draw(axes, each)
+        explain_path(figure, [drive for each in shown for drive, _ in each.drives])
         return style.save(figure, path)
 
 
@@ -78,4 +80,4 @@ def _draw(axes: Axes, driven: DrivenCourse) -> None:
 def _in_words(trajectory: Trajectory, metrics: Mapping[str, Any]) -> str:
     if not metrics['completed']:
         return f'{trajectory.lane} lost after {trajectory.progress_m[-1]:.1f} m'
-    return f'{trajectory.lane} e = {metrics["mean_abs_distance_m"]:.3f} m'
+    return f'{trajectory.lane} mean |d| = {metrics["mean_abs_distance_m"]:.3f} m'

@@ -21,6 +21,7 @@ from spikelane.runs.lap.run import drive
 from spikelane.runs.lap.trajectory import read_csv, Trajectory, write_csv
 from spikelane.runs.output import OnProgress, ShowShare
 from spikelane_controllers.operations import Operations
+from spikelane_controllers.registry import title as controller_title
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.files import write_json
@@ -103,7 +104,7 @@ def draw_some_courses(
         for name, found in drives.items()
     ]
     completed = metrics['summary']['courses_completed']
-    title = f'{config.controller}, {len(driven)} of {completed["n"]} courses'
+    title = f'{controller_title(config.controller)}, {len(driven)} of {completed["n"]} courses'
     result = f'all laps completed on {completed["successes"]} of {completed["n"]}'
     figure, *_ = draw_courses(driven, folder.figures / 'courses', title, result)
     return figure

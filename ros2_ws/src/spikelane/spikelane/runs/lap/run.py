@@ -18,6 +18,7 @@ from spikelane.runs.lap.trajectory import Trajectory, TrajectoryRecorder, write_
 from spikelane.runs.output import OnProgress
 from spikelane.runs.transport import over_ros
 from spikelane_controllers.operations import Operations, sum_operations
+from spikelane_controllers.registry import title as controller_title
 from spikelane_controllers.shown import shown_by
 from spikelane_sim.contract import (
     Controller,
@@ -147,7 +148,9 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     measured = lap_metrics(trajectory, STEP_S)
-    title = f'{config.controller}, scenario {config.scenario}, {config.lane} lane'
+    title = (
+        f'{controller_title(config.controller)}, scenario {config.scenario}, {config.lane} lane'
+    )
     figure, *_ = draw_lap(
         trajectory, load_course(config.simulator.course), folder.figures / 'lap', title
     )

@@ -22,6 +22,7 @@ from spikelane.runs.folder import RunFolder
 from spikelane.runs.replay.config import ReplayConfig, uses_encoders
 from spikelane.runs.replay.metrics import Answer, summarise, write_answers
 from spikelane_controllers.controller_host import ControllerHost, image_size
+from spikelane_controllers.registry import title as controller_title
 from spikelane_sim import topic_names
 from spikelane_sim.contract import (
     controller_rng,
@@ -134,7 +135,7 @@ def report_replay(
     answers, sensor = replayed.answers, replayed.sensor
     bag = config.bag.absolute()
     name = bag.parent.name if bag.name == folder.bag.name else bag.name  # of its run, if it can
-    title = f'{config.controller}, seed {config.seed}, on {name}'
+    title = f'{controller_title(config.controller)}, seed {config.seed}, on {name}'
     write_answers(answers, folder.path / 'answers.csv')
     figures = draw_replay(answers, folder.figures / 'replay', title)
     result = {
