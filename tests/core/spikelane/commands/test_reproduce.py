@@ -234,6 +234,14 @@ def test_killed_in_the_middle_it_goes_on_and_reports(tmp_path: Path) -> None:
     assert report['page'] == str(out / 'report/report.html')
     assert '<strong>A look only. Robot: rigid.</strong>' in Path(report['page']).read_text('utf-8')
     assert report['runs'] == len(ORDER)
+    lines = (out / 'log.jsonl').read_text().splitlines()
+    profile = json.loads(lines[-1])
+    assert profile['event'] == 'profile'
+    kinds = {each['kind']: each['runs'] for each in profile['costs']}
+    assert kinds.pop('report') == 1
+    assert kinds == Counter(f'{each["task"]} {each["controller"]}' for each in result['runs'])
+    assert sum(each['share'] for each in profile['costs']) == pytest.approx(1.0, abs=1e-3)
+    assert all(each['processor_s'] > 0 for each in profile['costs'])
     names = {Path(file).name for file in report['figures']}
     assert {'training_time.png', 'deviation_scenario_1.png', 'scenarios.png'} <= names
 

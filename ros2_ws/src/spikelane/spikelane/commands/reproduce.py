@@ -24,6 +24,8 @@ from spikelane.experiment.file import (
     with_seeds,
 )
 from spikelane.experiment.plan import make_plan
+from spikelane.experiment.processor_time import cost_table, costs, processor_s
+from spikelane.experiment.runner import log_event
 from spikelane.runs.arguments import add_robot_arguments, given_robot
 from spikelane.runs.configuration import check_number
 from spikelane.runs.folder import RUNS
@@ -85,11 +87,14 @@ def run(options: argparse.Namespace) -> int:
     if not options.json:
         print(summary(results, root))
     # Where nothing came of any run there is nothing to report on, and why has been said.
+    before_s = processor_s()
     report = _report(root, _note(record), options.json) if results['groups'] else None
+    profile = costs(results, root, report=round(processor_s() - before_s, 3))
+    log_event(root, 'profile', costs=[row._asdict() for row in profile])
     if options.json:
         print(json.dumps({**results, 'folder': str(root), 'report': report}))
     elif report is not None:
-        print(f'report in {report["page"]}')
+        print(f'{cost_table(profile)}\nreport in {report["page"]}')
     return 0 if is_finished(results) else 1
 
 

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.engine import Ended, Engine
 from spikelane.experiment.plan import find_runs, make_run_folder, Plan, PlannedRun, write_run
+from spikelane.experiment.processor_time import read_processor_time
 from spikelane.experiment.worker import Progress, read_progress
 from spikelane.interruption import check
 from spikelane.runs.folder import RunFolder
@@ -221,7 +222,8 @@ class Runner:
         if ended.status == 0 and status.folder.metrics.exists():
             status.state = RunStatus.DONE
             status.took_s = None if status.is_continued else wall_time_s
-            self._log('done', status, wall_time_s=wall_time_s)
+            time_s = read_processor_time(status.folder)
+            self._log('done', status, wall_time_s=wall_time_s, processor_s=time_s)
         elif ended.status < 0 and status.attempts <= self._retries:
             status.state = RunStatus.WAITING
             self._log('retry', status, wall_time_s=wall_time_s, message=ended.message)
@@ -244,12 +246,22 @@ class Runner:
                 status.first = status.first or status.last
 
     def _log(self, event: str, status: Status | None = None, **facts: Any) -> None:
-        """Add a line to the log; a line is written at once, so that a kill leaves whole ones."""
-        entry: dict[str, Any] = {
-            'time': datetime.now(timezone.utc).isoformat(timespec='milliseconds'),
-            'event': event,
-        }
+        run: dict[str, Any] = {}
         if status is not None:
             folder = None if status.folder is None else status.folder.path.name
-            entry |= {'run': status.run.name, 'folder': folder}
-        append_bytes(self._root / LOG_FILE, (json.dumps(entry | facts) + '\n').encode())
+            run = {'run': status.run.name, 'folder': folder}
+        log_event(self._root, event, **run, **facts)
+
+
+def log_event(root: Path, event: str, **facts: Any) -> None:
+    """Add a line to an experiment's log, at once, so that a kill leaves whole lines.
+
+    Raises:
+        FileError: The log cannot be written.
+    """
+    entry = {
+        'time': datetime.now(timezone.utc).isoformat(timespec='milliseconds'),
+        'event': event,
+        **facts,
+    }
+    append_bytes(root / LOG_FILE, (json.dumps(entry) + '\n').encode())

@@ -1,8 +1,8 @@
 """One run of an experiment, in a process of its own: `python -m spikelane.experiment.worker DIR`.
 
-It does what `run.json` in the folder says, going on where an earlier process stopped, and writes
-how far it is into `progress.json`. Ends with 0, or with 1 and a last line that says why. Only one
-process at a time works in a folder: another one waits.
+It does what `run.json` in the folder says, going on where an earlier process stopped. It writes
+how far it is into `progress.json`, and at its end its processor time. It ends with 0, or with 1
+and a last line that says why. Only one process at a time works in a folder: another one waits.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 from typing import Any, NamedTuple, TypedDict
 
 from spikelane.experiment.plan import RUN_FILE
+from spikelane.experiment.processor_time import add_processor_time, processor_s
 from spikelane.experiment.tasks import Point, Task, task_named
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
@@ -63,15 +64,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 done, 1 failed, 128 + n when ended by signal n.
     """
     (path,) = sys.argv[1:] if arguments is None else arguments
+    # A process of its own has done nothing else, so that its imports count.
+    since_s = 0.0 if arguments is None else processor_s()
     with signals_noted(are_ignored_afterwards=arguments is None):
-        return _do_run_in(Path(path))
+        return _do_run_in(Path(path), since_s)
 
 
-def _do_run_in(path: Path) -> int:
+def _do_run_in(path: Path, since_s: float) -> int:
     try:
         folder = _folder(path)
         with locked(folder.path, patience_s=_LOCK_S):
-            do_run(folder)
+            try:
+                do_run(folder)
+            finally:
+                # Where this fails, as on a full disk, the run itself says why.
+                with contextlib.suppress(FileError):
+                    add_processor_time(folder, since_s)
     except SpikelaneError as error:
         print(error, file=sys.stderr)
         return 1
