@@ -23,7 +23,7 @@ from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.meeting import LATCHED
-from spikelane_sim.robots.registry import robot_model
+from spikelane_sim.robots.sizing import sized_urdf
 from spikelane_sim.simulator import Simulator
 
 
@@ -80,8 +80,7 @@ class SimulatorTopics:
         )
         self.steps = tuple(publisher for publisher, _ in self._topics)
         tf_static.publish(TFMessage(transforms=[conversions.camera_transform(simulator.camera)]))
-        urdf = robot_model(simulator.parameters.robot.model).urdf
-        description.publish(String(data=urdf.read_text(encoding='utf-8')))
+        description.publish(String(data=sized_urdf(simulator.parameters.robot)))
 
     @property
     def event_subscribers(self) -> int:

@@ -31,7 +31,7 @@ _GROUPS = {
 @dataclass(frozen=True, kw_only=True)
 @with_groups(_GROUPS)
 class RobotParameters(Parameters):
-    """Everything a robot is made from; the geometry is also in its URDF.
+    """Everything a robot is made from, in addition to its URDF, which takes the size given here.
 
     `from_mapping` takes what is not given from the robot that `model` names. Each engine's own
     parameters are a field with its name.

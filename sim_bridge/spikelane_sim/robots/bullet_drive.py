@@ -43,9 +43,8 @@ from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
 from spikelane_sim.robots.bullet import pybullet
-from spikelane_sim.robots.description import check_geometry, read_description
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
-from spikelane_sim.robots.registry import robot_model
+from spikelane_sim.robots.sizing import describe
 
 if TYPE_CHECKING:
     from spikelane_sim.robots import RobotParameters
@@ -80,13 +79,11 @@ class BulletDrive:
 
         Raises:
             ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
-                not divide the steps, or the geometry is not that of the robot's URDF.
+                not divide the steps, or the robot would tip over.
         """
         self._physics = parameters.own(PybulletParameters)
         self._substeps = self._physics.steps_per_pose(poses_per_step)
-        urdf = robot_model(parameters.model).urdf
-        self._description = read_description(urdf)
-        check_geometry(parameters, self._description, urdf.name)
+        self._description = describe(parameters)
         self._parameters = parameters
         self._poses_per_step = poses_per_step
         self._torques = (parameters.wheel_torque_n_m / self._substeps,) * 2

@@ -7,7 +7,7 @@ shape of a body that has nothing to run into.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.robots.urdf import Inertial, joined, read_tree, RoundShape, UrdfTree
 
-if TYPE_CHECKING:
-    from spikelane_sim.robots import RobotParameters
-
-# base_link may be this far off the height at which the wheels just touch the floor: as it is by
-# default, they stand 0.01 mm deep in it, the depth that Bullet leaves alone.
+# A caster may be this far off the floor that the wheels stand on.
 _HEIGHT_TOLERANCE_M = 1e-4
 # A wheel's axis may be 0.8 degrees off: rotations in URDFs are often rounded, as 1.57.
 _ALONG = 0.9999
@@ -48,8 +44,8 @@ class Description(NamedTuple):
     right: Part
 
 
-def read_description(urdf: Path) -> Description:
-    """Read a robot's URDF.
+def read_description(urdf: Path | UrdfTree) -> Description:
+    """Read a robot's URDF, a file or one that was read.
 
     All joints but those of the wheels are taken for fixed, at zero: what hangs on them belongs to
     the base. A wheel stands on the sphere of its radius, whether it is a sphere or a cylinder.
@@ -57,38 +53,10 @@ def read_description(urdf: Path) -> Description:
     Raises:
         ParameterError: It lacks what the physics needs.
     """
-    tree = read_tree(urdf)
+    tree = urdf if isinstance(urdf, UrdfTree) else read_tree(urdf)
     left, right = (_read_wheel(tree, joint) for joint in WHEEL_JOINTS)
     height_m = left.contact_radius_m - left.origin_m[2] - left.contact_m[2]
     return Description(_read_base(tree, height_m), left, right)
-
-
-def check_geometry(parameters: RobotParameters, description: Description, urdf: str) -> None:
-    """Refuse a geometry that the description does not have.
-
-    Args:
-        parameters: What is given.
-        description: What the URDF says.
-        urdf: The URDF's name, for the message.
-
-    Raises:
-        ParameterError: They differ.
-    """
-    left, right = description.left, description.right
-    described = {
-        'wheel_radius_m': (left.contact_radius_m, 1e-9),
-        'track_m': (left.origin_m[1] - right.origin_m[1], 1e-9),
-        'axle_x_m': (left.origin_m[0], 1e-9),
-        'height_m': (left.contact_radius_m - left.origin_m[2], _HEIGHT_TOLERANCE_M),
-    }
-    for name, (expected, tolerance) in described.items():
-        value = getattr(parameters, name)
-        if abs(value - expected) > tolerance:
-            raise ParameterError(
-                f'{name}: expected {expected:g} as in {urdf}, got {value:g}; '
-                'a robot of another size needs a URDF of its own (robot.model: FILE.urdf), or the '
-                'engine kinematic'
-            )
 
 
 def check_symmetry(description: Description, urdf: str) -> None:
@@ -96,7 +64,7 @@ def check_symmetry(description: Description, urdf: str) -> None:
 
     Args:
         description: What the URDF says.
-        urdf: The URDF's name, for the message.
+        urdf: The robot's name, for the message.
 
     Raises:
         ParameterError: It is not symmetric, or a wheel's mass centre is not on its axis.

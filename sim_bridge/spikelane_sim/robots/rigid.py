@@ -58,15 +58,10 @@ from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, WheelVelocities
 from spikelane_sim.engine import Engine
-from spikelane_sim.robots.description import (
-    check_geometry,
-    check_symmetry,
-    Description,
-    read_description,
-)
+from spikelane_sim.robots.description import check_symmetry, Description
 from spikelane_sim.robots.grip import check_grip
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
-from spikelane_sim.robots.registry import robot_model
+from spikelane_sim.robots.sizing import describe
 
 if TYPE_CHECKING:
     from spikelane_sim.robots import RobotParameters
@@ -149,14 +144,11 @@ class RigidDrive:
 
         Raises:
             ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
-                not divide the steps, the geometry is not that of the robot's URDF, which must be
-                symmetric, or the robot could slip or tip over.
+                not divide the steps, the robot is not symmetric, or it could slip or tip over.
         """
         self.substeps = _physics(parameters).steps_per_pose(poses_per_step)
-        urdf = robot_model(parameters.model).urdf
-        description = read_description(urdf)
-        check_geometry(parameters, description, urdf.name)
-        check_symmetry(description, urdf.name)
+        description = describe(parameters)
+        check_symmetry(description, parameters.model)
         check_grip(parameters, description, _physics(parameters).wheel_friction)
         self.body = rigid_body(parameters, description)
         self._axle_x_m = parameters.axle_x_m

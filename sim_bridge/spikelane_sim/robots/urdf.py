@@ -19,6 +19,7 @@ from spikelane_sim.robots.differential_drive import rotation
 
 Array = NDArray[np.float64]
 
+_DECIMALS = 12
 _TENSOR = ('ixx', 'ixy', 'ixz', 'ixy', 'iyy', 'iyz', 'ixz', 'iyz', 'izz')
 
 
@@ -73,6 +74,7 @@ class UrdfTree:
         Raises:
             ParameterError: There is no such link, or a number cannot be read.
         """
+        self._robot = robot
         self._file = file
         self.name = robot.get('name', '')
         self._links = {each.get('name', ''): each for each in robot.iterfind('link')}
@@ -95,6 +97,29 @@ class UrdfTree:
             ParameterError: Always.
         """
         raise ParameterError(f'{self._file}: {expected}, got {got}')
+
+    def text(self) -> str:
+        """Return the robot as the text of a URDF."""
+        return '<?xml version="1.0"?>\n' + ElementTree.tostring(self._robot, encoding='unicode')
+
+    def read_again(self) -> UrdfTree:
+        """Return the tree of the robot as it is after changes."""
+        return UrdfTree(self._robot, self._file)
+
+    def place_joint(self, joint: str, place_m: Array) -> None:
+        """Change where a joint has its child, (3,) in the frame of `base_link`."""
+        element = self._joints[joint]
+        parent = self._poses[_end(element, 'parent')].inverse()
+        _set_place(element, parent.rotation @ place_m + parent.origin_m)
+
+    def move(self, link: str, element: ElementTree.Element, by_m: Array) -> None:
+        """Move a shape of a link, (3,) along the axes of `base_link`."""
+        place = self._origin(element).origin_m
+        _set_place(element, place + self._poses[link].rotation.T @ by_m)
+
+    def link(self, link: str) -> ElementTree.Element:
+        """Return the element of a link."""
+        return self._links[link]
 
     def has_link(self, link: str) -> bool:
         """Whether a link is joined to `base_link`."""
@@ -173,11 +198,20 @@ class UrdfTree:
             pose: Pose of its frame in that of the result.
         """
         for collision in self._links[link].iterfind('collision'):
-            for shape in collision.iterfind('geometry/*'):
-                if shape.tag in ('sphere', 'cylinder'):
-                    radius_m = self._numbers(shape, 'radius', count=1)[0]
-                    centre_m = pose.then(self._origin(collision)).origin_m
-                    yield RoundShape(shape.tag, radius_m, centre_m)
+            yield from self.shapes_of(collision, pose)
+
+    def shapes_of(self, collision: ElementTree.Element, pose: Pose) -> Iterator[RoundShape]:
+        """Yield the spheres and cylinders of one collision.
+
+        Args:
+            collision: The element.
+            pose: Pose of its link's frame in that of the result.
+        """
+        for shape in collision.iterfind('geometry/*'):
+            if shape.tag in ('sphere', 'cylinder'):
+                radius_m = self._numbers(shape, 'radius', count=1)[0]
+                centre_m = pose.then(self._origin(collision)).origin_m
+                yield RoundShape(shape.tag, radius_m, centre_m)
 
     def _neighbours(self, link: str, without: Collection[str] = ()) -> Iterator[tuple[str, Pose]]:
         """Yield the links that joints join to one, with their poses in its frame."""
@@ -244,3 +278,11 @@ def joined(parts: Sequence[Inertial]) -> Inertial:
 def _end(joint: ElementTree.Element, role: str) -> str:
     found = joint.find(role)
     return '' if found is None else found.get('link', '')
+
+
+def _set_place(element: ElementTree.Element, place_m: Array) -> None:
+    """Change the place of an element's origin, whose rotation stays."""
+    origin = element.find('origin')
+    if origin is None:
+        origin = ElementTree.SubElement(element, 'origin')
+    origin.set('xyz', ' '.join(repr(round(value, _DECIMALS) + 0.0) for value in place_m.tolist()))

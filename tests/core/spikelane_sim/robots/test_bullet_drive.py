@@ -197,13 +197,3 @@ def test_poses_that_do_not_fit_the_physics_are_refused(poses: int) -> None:
     expected = f'pixels.esim.substeps: expected a divisor of 10, .* got {poses}$'
     with pytest.raises(ParameterError, match=expected):
         make_robot(RobotParameters(), poses)
-
-
-@pytest.mark.parametrize(
-    ('name', 'described'),
-    [('wheel_radius_m', 0.0975), ('track_m', 0.331), ('axle_x_m', 0.0445), ('height_m', 0.1388)],
-)
-def test_a_geometry_that_the_urdf_does_not_have_is_refused(name: str, described: float) -> None:
-    """The message names the parameter, what is described and what came."""
-    with pytest.raises(ParameterError, match=f'{name}: expected {described} .*got 0.2'):
-        make_robot(RobotParameters.from_mapping({name: 0.2}))

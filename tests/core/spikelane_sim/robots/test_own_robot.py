@@ -153,17 +153,6 @@ def test_a_file_that_is_not_there_is_refused() -> None:
         SimulatorParameters.from_mapping({'robot.model': 'burger'})
 
 
-def test_wheels_of_another_size_need_another_file() -> None:
-    """The physics has the size that the file has; the ideal drive can have any."""
-    expected = 'wheel_radius_m: expected 0.033 as in small.urdf, got 0.04; a robot of'
-    for engine in ('pybullet', 'rigid'):
-        parameters = {'model': str(SMALL), 'engine': engine, 'wheel_radius_m': 0.04}
-        with pytest.raises(ParameterError, match=expected):
-            make_robot(RobotParameters.from_mapping(parameters))
-    wide = {'model': str(SMALL), 'engine': 'kinematic', 'track_m': 0.3}
-    assert RobotParameters.from_mapping(wide).track_m == 0.3
-
-
 def test_a_camera_that_looks_down_steeper_is_taken_as_it_is(
     changed: Callable[[str, str], Path],
 ) -> None:

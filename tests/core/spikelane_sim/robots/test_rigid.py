@@ -289,16 +289,6 @@ def test_left_and_right_are_not_mixed_up() -> None:
 
 
 @pytest.mark.parametrize(
-    ('name', 'described'),
-    [('wheel_radius_m', 0.0975), ('track_m', 0.331), ('axle_x_m', 0.0445), ('height_m', 0.1388)],
-)
-def test_a_geometry_that_the_urdf_does_not_have_is_refused(name: str, described: float) -> None:
-    """As by the engine pybullet, whose masses it shares."""
-    with pytest.raises(ParameterError, match=f'{name}: expected {described} .*got 0.2'):
-        make(**{name: 0.2})
-
-
-@pytest.mark.parametrize(
     ('model', 'name', 'value'),
     [
         ('p3dx', 'wheel_torque_n_m', 1.5),

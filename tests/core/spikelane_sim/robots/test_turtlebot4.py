@@ -8,7 +8,6 @@ from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_lap
 from spikelane_sim.contract import STEP_S, WheelVelocities
-from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import make_robot, RobotParameters
 
 
@@ -49,11 +48,3 @@ def test_physics_and_ideal_drive_agree_in_a_bend() -> None:
     physics, ideal = states
     assert physics.linear[0] == pytest.approx(ideal.linear[0], rel=2e-3)
     assert physics.angular[2] == pytest.approx(ideal.angular[2], rel=2e-3)
-
-
-def test_another_geometry_needs_the_ideal_drive() -> None:
-    """The physics has that of the URDF, whose name is told."""
-    wide = {'model': 'turtlebot4', 'track_m': 0.3}
-    with pytest.raises(ParameterError, match=r'track_m: expected 0.233 as in turtlebot4.urdf'):
-        make_robot(RobotParameters.from_mapping(wide))
-    make_robot(RobotParameters.from_mapping({**wide, 'engine': 'kinematic'}))

@@ -28,9 +28,11 @@ import yaml
 
 from spikelane_sim.contract import Observation
 from spikelane_sim.contract import WheelVelocities as Wheels
+from spikelane_sim.frame_names import WHEEL_JOINTS
 from spikelane_sim.messages import to_stamp_ns
 from spikelane_sim.nodes.conversions import events_from_packet
 from spikelane_sim.nodes.simulator import SimulatorNodeParameters
+from spikelane_sim.robots.differential_drive import read_geometry
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -456,6 +458,7 @@ def mono(graph) -> Driver:
     """Drive a simulator with esim pixels and mono packets, in a namespace."""
     parameters = {
         'robot.model': 'kinematic',
+        'robot.track_m': 0.4,
         'pixels.model': 'esim',
         'event_encoding': 'mono',
         'lane': 'inner',
@@ -471,7 +474,7 @@ def test_mono_packets_carry_the_same_events(mono: Driver) -> None:
     """Those of a pixel model whose events lie within the step; the first lane is a parameter."""
     packets = drive(mono, mono.packets[0], 20)
     assert packets[0].encoding == 'mono'
-    parameters = {'robot.model': 'kinematic', 'pixels.model': 'esim'}
+    parameters = {'robot.model': 'kinematic', 'robot.track_m': 0.4, 'pixels.model': 'esim'}
     assert_equal_events(packets, simulate(parameters, 'inner', 20))
 
 
@@ -487,6 +490,13 @@ def test_parameter_files_set_what_exists(scenario: int) -> None:
     assert SimulatorParameters.from_mapping(rest) == SimulatorParameters(
         course=f'scenario_{scenario}'
     )
+
+
+def test_the_description_has_the_size_of_the_robot(mono: Driver) -> None:
+    """Its wheels are 0.4 m apart, as the parameters say, and not 0.331 m."""
+    mono.graph.until(lambda: mono.seen['robot_description'])
+    [description] = mono.seen['robot_description']
+    assert read_geometry(description.data, *WHEEL_JOINTS) == pytest.approx((0.0975, 0.4))
 
 
 @pytest.fixture(scope='module')
