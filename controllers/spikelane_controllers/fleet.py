@@ -13,12 +13,26 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_controllers.operations import Operations
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.fleet.simulators import SimulatorFleet
 from spikelane_sim.parameters import Parameters
 
-#: Columns of `Journey.places`.
-PLACE_COLUMNS = ('x_m', 'y_m', 'heading_rad', 'distance_m')
+#: Where a robot was when it made an observation, and what it saw.
+PLACE_DTYPE = np.dtype(
+    [
+        ('x_m', '<f8'),
+        ('y_m', '<f8'),
+        ('heading_rad', '<f8'),
+        ('distance_m', '<f8'),
+        ('heading_error_rad', '<f8'),
+        ('position_m', '<f8'),
+        ('progress_m', '<f8'),
+        ('section', '<i8'),  # of the lane
+        ('laps', '<i8'),
+        ('events', '<i8'),  # that reached the controller
+    ]
+)
 
 
 class Journey(NamedTuple):
@@ -29,9 +43,10 @@ class Journey(NamedTuple):
         taken: How many were answered that did not end the episode, (n_robots,).
         has_ended: Whether the last one answered ended the episode, (n_robots,).
         distance_m: Distance in the last answered observation that did not end it, (n_robots,).
-        answers: Wheel velocities [rad/s], (n_robots, room, 2).
-        places: Where each of those observations was made, with `PLACE_COLUMNS`,
-            (n_robots, room, 4); (n_robots, 0, 4) where it is not wanted.
+        answers: Wheel velocities [rad/s], (n_robots, room, 2). The answer to an observation that
+            ended the episode follows those that are counted in `taken`.
+        places: Where each of these observations was made, records of `PLACE_DTYPE`,
+            (n_robots, room); (n_robots, 0) where it is not wanted.
     """
 
     wanted: NDArray[np.int64]
@@ -39,7 +54,7 @@ class Journey(NamedTuple):
     has_ended: NDArray[np.bool_]
     distance_m: NDArray[np.float64]
     answers: NDArray[np.float64]
-    places: NDArray[np.float64]
+    places: NDArray[np.void]
 
 
 def make_journey(n_robots: int, room: int, *, has_places: bool = False) -> Journey:
@@ -50,7 +65,7 @@ def make_journey(n_robots: int, room: int, *, has_places: bool = False) -> Journ
         np.zeros(n_robots, np.bool_),
         np.zeros(n_robots),
         np.zeros((n_robots, room, 2)),
-        np.zeros((n_robots, room if has_places else 0, len(PLACE_COLUMNS))),
+        np.zeros((n_robots, room if has_places else 0), PLACE_DTYPE),
     )
 
 
@@ -71,10 +86,18 @@ class ControllerFleet(Protocol):
         """
 
     def load(self, robot: int) -> None:
-        """Take over what a controller is now, after it was made, reset or restored."""
+        """Take over what a controller is now, after it was made, reset or restored.
+
+        Raises:
+            ParameterError: It has other parameters than the kernel was made with, or was told to
+                record, which a kernel does not do.
+        """
 
     def store(self, robot: int) -> None:
         """Bring a controller up to date with what its robot's row says."""
+
+    def operations(self, robot: int) -> Operations:
+        """Return the sum of a controller's operations since its robot's row was last loaded."""
 
     def look(self, robot: int) -> None:
         """Let a controller see no events: the observation after a reset."""
@@ -98,6 +121,9 @@ class ControllerFleet(Protocol):
             last: The robot after the last one.
             journey: What they are to do; rows first to last change.
             scratch: Scratch arrays of this thread, from `make_scratch`.
+
+        Raises:
+            SpikelaneError: A controller was told to record, or the kernel has failed.
         """
 
 

@@ -195,6 +195,11 @@ class Braitenberg:
         self._recording = frozenset(names)
 
     @property
+    def is_recording(self) -> bool:
+        """Whether anything is recorded."""
+        return bool(self._recording)
+
+    @property
     def shown(self) -> Shown:
         """What is shown of the last step."""
         return Shown(
@@ -218,11 +223,15 @@ class Braitenberg:
         if self._recording:
             self._keep(before, inputs, fired)
         self.spikes = spike_counts(fired, len(self.neurons))
-        # An input excites the neuron of its side alone.
-        self.operations = Operations(decisions=1, synaptic=len(inputs))
+        self.operations = self.operations_of(1, len(inputs))
         left, right = self.spikes
         self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
         return wheels  # type: ignore[no-any-return]  # numba carries no types
+
+    def operations_of(self, decisions: int, inputs: int) -> Operations:
+        """Return the operations of so many decisions with so many spikes of the inputs."""
+        # An input excites the neuron of its side alone.
+        return Operations(decisions=decisions, synaptic=inputs)
 
     def _keep(self, before: NetworkState, inputs: Spikes, fired: Spikes) -> None:
         """Keep what is to be recorded of a step that began with a state of the network."""

@@ -36,6 +36,9 @@ from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
 from spikelane_sim.parameters import first_difference, MOST_STEPS, parameter, Parameters
 from spikelane_sim.simulator_parameters import current_config
 
+#: Entry of a training's configuration: SHA-256 of the files that it names, where there are any.
+INPUTS = 'inputs'
+
 #: Prefix of the names that the controller's arrays have in a checkpoint.
 _PREFIX = 'controller.'
 
@@ -103,7 +106,7 @@ class Training:
             controller: Just made.
             parameters: Parameters of the training.
             config: What determines it, as a JSON-compatible dict; kept in checkpoints, compared by
-                `resume`.
+                `resume`. `INPUTS` is passed over where a checkpoint does not have it.
             checkpoint: File of the checkpoints, ending in .safetensors.
         """
         self.controller = controller
@@ -358,6 +361,8 @@ class Training:
             )
         config = current_config(mapping(facts, 'config'))
         for name, expected in self._config.items():
+            if name == INPUTS and name not in config:
+                continue  # of a version that did not tell
             given = config.get(name)
             if given != expected:
                 where, expected, given = first_difference(name, expected, given)

@@ -225,6 +225,11 @@ class RStdp:
         self._recording = frozenset(names)
 
     @property
+    def is_recording(self) -> bool:
+        """Whether anything is recorded."""
+        return bool(self._recording)
+
+    @property
     def shown(self) -> Shown:
         """What is shown of the last step."""
         return Shown(
@@ -247,10 +252,14 @@ class RStdp:
         self.network.dopamine[:] = -dopamine, dopamine
         fired = self._run_recorded(inputs) if self._recording else self.network.run(inputs)
         self.spikes = spike_counts(fired, len(self.neurons))
-        self.operations = Operations(decisions=1, synaptic=len(inputs) * len(self.neurons))
+        self.operations = self.operations_of(1, len(inputs))
         left, right = self.spikes
         self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
         return wheels  # type: ignore[no-any-return]  # numba carries no types
+
+    def operations_of(self, decisions: int, inputs: int) -> Operations:
+        """Return the operations of so many decisions with so many spikes of the inputs."""
+        return Operations(decisions=decisions, synaptic=inputs * len(self.neurons))
 
     def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and finite numbers.

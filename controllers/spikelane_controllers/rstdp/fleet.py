@@ -68,6 +68,9 @@ class RStdpFleet(SpikingFleet):
         networks: _Networks = self._networks
         controller.network.copy_from(_row(networks.work, robot), int(networks.n_flying[robot]))
 
+    def _store_step(self, controller: RStdp, distance_m: float) -> None:
+        controller.reward = self._parameters.c_r * distance_m
+
     @staticmethod
     def _kernel(*arguments: Any) -> None:
         _advance(*arguments)

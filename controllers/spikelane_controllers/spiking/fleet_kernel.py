@@ -35,6 +35,10 @@ class Motors(NamedTuple):
         counts: Events in each cell in the observation to be answered, (n_robots, rows, columns).
         smoothed: Fields of `SteeringState`, (n_robots, 2).
         spikes: Spikes of the left and the right neuron in the last step, (n_robots, 2).
+        decisions: Observations answered since the row was loaded, (n_robots,).
+        inputs: Spikes of the inputs in the last step, and since the row was loaded, (n_robots, 2).
+        distance_m: Distance in the observation answered last, (n_robots,).
+        n_events: Events in the observation to be answered, (n_robots,).
         chance: Addresses of the generators that inputs are drawn from, (n_robots,).
     """
 
@@ -44,6 +48,10 @@ class Motors(NamedTuple):
     counts: NDArray[np.int64]
     smoothed: NDArray[np.float64]
     spikes: NDArray[np.int64]
+    decisions: NDArray[np.int64]
+    inputs: NDArray[np.int64]
+    distance_m: NDArray[np.float64]
+    n_events: NDArray[np.int64]
     chance: NDArray[np.uintp]
 
 
@@ -58,6 +66,10 @@ def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motor
         np.zeros((n_robots, encoding.rows, encoding.columns), np.int64),
         np.zeros((n_robots, 2)),
         np.zeros((n_robots, 2), np.int64),
+        np.zeros(n_robots, np.int64),
+        np.zeros((n_robots, 2), np.int64),
+        np.zeros(n_robots),
+        np.zeros(n_robots, np.int64),
         generators.addresses,
     )
 
@@ -77,7 +89,11 @@ def most_inputs(parameters: Any) -> int:
 def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     """Return the spikes of robot i's inputs in a step."""
     rng = generator_at(template, motors.chance[i])
-    return poisson_spikes(firing_rates(motors.counts[i], motors.scale), rng, GRID_STEPS)
+    spikes = poisson_spikes(firing_rates(motors.counts[i], motors.scale), rng, GRID_STEPS)
+    motors.decisions[i] += 1
+    motors.inputs[i, 0] = len(spikes)
+    motors.inputs[i, 1] += len(spikes)
+    return spikes
 
 
 @numba.njit(cache=True)
@@ -99,6 +115,7 @@ def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def look_at(motors, events, number, i):  # type: ignore[no-untyped-def]
     """Let robot i's controller see the first events of a step."""
+    motors.n_events[i] = number
     count_cells(events, number, motors.cells.crop_top, motors.cells.cell, motors.counts[i])
 
 
@@ -110,21 +127,28 @@ def drive_on(  # type: ignore[no-untyped-def]
 
     Nothing is driven where the observation that was answered ended the episode.
     """
-    known = robots.known[i]
+    known, k = robots.known[i], journey.taken[i]
+    motors.distance_m[i] = known.distance_m
+    journey.answers[i, k, 0], journey.answers[i, k, 1] = left, right
+    if journey.places.shape[1] > 0:
+        _write_place(journey.places[i, k], robots.motion[i], known, motors.n_events[i])
     if known.reason > 0:
         journey.has_ended[i] = True
         return False
-    k = journey.taken[i]
-    journey.answers[i, k, 0], journey.answers[i, k, 1] = left, right
-    if journey.places.shape[1] > 0:
-        place, motion = journey.places[i, k], robots.motion[i]
-        place[0], place[1], place[2] = motion[X], motion[Y], motion[HEADING]
-        place[3] = known.distance_m
     journey.distance_m[i] = known.distance_m
     journey.taken[i] = k + 1
     number = simulate(world, robots, scratch, template, i, left, right)
     look_at(motors, scratch.events, number, i)
     return True
+
+
+@numba.njit(cache=True)
+def _write_place(place, motion, known, n_events):  # type: ignore[no-untyped-def]
+    """Write down where an observation was made, as a record of `PLACE_DTYPE`."""
+    place['x_m'], place['y_m'], place['heading_rad'] = motion[X], motion[Y], motion[HEADING]
+    place['distance_m'], place['heading_error_rad'] = known.distance_m, known.heading_error_rad
+    place['position_m'], place['progress_m'] = known.position_m, known.progress_m
+    place['section'], place['laps'], place['events'] = known.section, known.laps, n_events
 
 
 @numba.njit(cache=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.fleet import check_image, Journey
+from spikelane_controllers.operations import Operations
 from spikelane_controllers.spiking.fleet_kernel import make_motors, repeat
 from spikelane_controllers.spiking.steering import SteeringState
 from spikelane_sim.errors import ParameterError, SpikelaneError
@@ -49,26 +50,41 @@ class SpikingFleet:
         """Take over what a controller is now.
 
         Raises:
-            ParameterError: It has other parameters than the kernel was made with.
+            ParameterError: It has other parameters than the kernel was made with, or was told to
+                record. Only `learning` and `checkpoint` may differ: the rows have both.
         """
         controller = self.controllers[robot]
-        if controller.parameters != self._parameters:
+        if _shared(controller.parameters) != _shared(self._parameters):
             raise ParameterError('fleet: expected controllers with the same parameters')
+        _check_no_recording(controller)
         self._chance[robot] = controller.rng
         self._motors.smoothed[robot] = controller.steering
         self._motors.spikes[robot] = controller.spikes
+        self._motors.decisions[robot] = 0
+        self._motors.inputs[robot] = 0
         self._load_network(robot, controller)
 
     def store(self, robot: int) -> None:
-        """Bring a controller up to date, but for what it shows of its last step alone."""
+        """Bring a controller up to date."""
         controller = self.controllers[robot]
         controller.steering = SteeringState(*self._motors.smoothed[robot].tolist())
         controller.spikes = tuple(self._motors.spikes[robot].tolist())
         self._store_network(robot, controller)
+        if self._motors.decisions[robot]:  # else it shows what it did when it was loaded
+            last = int(self._motors.inputs[robot, 0])
+            controller.operations = controller.operations_of(1, last)
+            self._store_step(controller, float(self._motors.distance_m[robot]))
+
+    def operations(self, robot: int) -> Operations:
+        """Return the operations since the robot's row was loaded."""
+        decisions, inputs = self._motors.decisions[robot], self._motors.inputs[robot, 1]
+        done: Operations = self.controllers[robot].operations_of(int(decisions), int(inputs))
+        return done
 
     def look(self, robot: int) -> None:
         """Let a controller see no events."""
         self._motors.counts[robot] = 0
+        self._motors.n_events[robot] = 0
 
     def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
         """Drive a robot with answers that were given before."""
@@ -79,9 +95,11 @@ class SpikingFleet:
         """Let robots drive; see `fleet.ControllerFleet`.
 
         Raises:
-            SpikelaneError: More spikes came than there is room for, which has a probability
-                below 1e-30 in a step.
+            SpikelaneError: A controller was told to record, or more spikes came than there is
+                room for, which has a probability below 1e-30 in a step.
         """
+        for controller in self.controllers[first:last]:
+            _check_no_recording(controller)
         world, robots = self._simulators.world, self._simulators.robots
         self._kernel(
             world, robots, scratch, TEMPLATE, self._motors, self._networks, journey, first, last
@@ -101,7 +119,23 @@ class SpikingFleet:
         """Bring a row back into a controller's network."""
         raise NotImplementedError
 
+    def _store_step(self, controller: Any, distance_m: float) -> None:
+        """Bring back what else a controller shows of its last step."""
+
     @staticmethod
     def _kernel(*arguments: Any) -> None:
         """Let robots first to last answer and drive, compiled."""
         raise NotImplementedError
+
+
+def _shared(parameters: Any) -> dict[str, Any]:
+    """Return the parameters that all controllers of a fleet have in common."""
+    own = ('learning', 'checkpoint')
+    return {name: value for name, value in parameters.to_dict().items() if name not in own}
+
+
+def _check_no_recording(controller: Any) -> None:
+    if controller.is_recording:
+        raise ParameterError(
+            'record: expected a controller that drives step by step, got one in a fleet'
+        )

@@ -84,6 +84,10 @@ def test_each_robot_drives_as_alone(
             assert together.rng.bit_generator.state == alone.rng.bit_generator.state
             assert together.steering == alone.steering
             assert together.spikes == alone.spikes
+            assert together.shown.operations == alone.shown.operations
+            assert together.shown.reward == pytest.approx(
+                alone.shown.reward, rel=0, abs=0, nan_ok=True
+            )
             if hasattr(alone, 'state'):
                 mine = together.state()
                 for field, value in alone.state().items():
@@ -149,3 +153,18 @@ def test_a_controller_with_other_parameters_is_refused() -> None:
         other = make_controller('rstdp', {'c_r': 0.02})
         with pytest.raises(ParameterError, match='expected controllers with the same parameters'):
             fleet.host(0, other, other.reset)
+
+
+def test_what_a_controller_shows_of_its_last_step_is_kept_and_recording_refused() -> None:
+    """Operations and reward are those of the last answer; before the first one there are none."""
+    with Fleet('rstdp', [3], simulator={'robot.engine': 'kinematic'}) as fleet:
+        fleet.reset(0)
+        assert fleet.controller(0).operations.decisions == 0
+        assert np.isnan(fleet.controller(0).reward)
+        fleet.drive(10)
+        driven = fleet.controller(0)
+        assert (driven.operations.decisions, driven.operations.synaptic > 0) == (1, True)
+        assert fleet.controllers.operations(0).decisions == 10
+        driven.record(['weights'])
+        with pytest.raises(ParameterError, match='record: expected a controller that drives step'):
+            fleet.drive(10)

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from spikelane.fleet.training import can_train, train_fleet
+from spikelane.fleet.setting import has_kernel
+from spikelane.fleet.training import train_fleet
 from spikelane.interruption import Interrupted
 from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
@@ -40,7 +41,7 @@ def train_alone(config: TrainConfig, path: Path, monkeypatch: pytest.MonkeyPatch
     """Train observation by observation, without the kernel."""
     path.mkdir()
     with monkeypatch.context() as patch:
-        patch.setattr(training_run, 'can_train', lambda config: False)
+        patch.setattr(training_run, 'has_kernel', lambda config: False)
         return train(config, RunFolder(path), lambda *_: None, resume=False)
 
 
@@ -99,7 +100,7 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_episodes(
     train_fleet(configs[:1], [resumed], lambda *_: None)
     assert_same(tmp_path / 'alone_0', folders[0], alone[0], resumed)
     with monkeypatch.context() as patch:
-        patch.setattr(training_run, 'can_train', lambda config: False)
+        patch.setattr(training_run, 'has_kernel', lambda config: False)
         second = train(configs[1], RunFolder(folders[1]), lambda *_: None, resume=True)
     assert_same(tmp_path / 'alone_1', folders[1], alone[1], second)
 
@@ -115,7 +116,7 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_episodes(
 )
 def test_what_a_kernel_has_is_known_before(parameters: dict[str, Any], can: bool) -> None:
     """What it does not have is trained observation by observation."""
-    assert can_train(make_config(0, **parameters)) == can
+    assert has_kernel(make_config(0, **parameters)) == can
 
 
 def test_other_settings_are_refused(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import pandas as pd
 
 from spikelane.interruption import check
-from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey, PLACE_COLUMNS
+from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey
 from spikelane_controllers.registry import controller_class, fleet_class
 from spikelane_sim.contract import controller_rng, LaneState, STEP_S
 from spikelane_sim.errors import SpikelaneError
@@ -32,6 +32,24 @@ class End(NamedTuple):
 
     robot: int
     lane_state: LaneState
+
+
+class Track(NamedTuple):
+    """An episode of a robot, observation by observation, the one that ended it included.
+
+    Attributes:
+        end: The last lane state.
+        places: Where each observation was made, records of `PLACE_DTYPE`, (n,).
+        answers: The answer to each [rad/s], (n, 2).
+    """
+
+    end: LaneState
+    places: NDArray[np.void]
+    answers: NDArray[np.float64]
+
+
+#: Called with robots' numbers of steps and progresses along their lanes [m], (n_robots,) each.
+OnAdvance = Callable[[NDArray[np.int64], NDArray[np.float64]], None]
 
 
 class Fleet:
@@ -213,27 +231,50 @@ class Fleet:
             SpikelaneError: No such lane, or an episode that nothing ends.
             Interrupted: A signal has come.
         """
+        tracks = self.episodes([lane] * len(self))
+        return [track.end for track in tracks], _frame(tracks)
+
+    def episodes(
+        self, lanes: Sequence[str | None], on_advance: OnAdvance = lambda *_: None
+    ) -> list[Track]:
+        """Drive an episode with each robot, to its end.
+
+        Args:
+            lanes: Name of each robot's lane; None for the course's first.
+            on_advance: Called as the robots come on.
+
+        Returns:
+            The episode of each robot.
+
+        Raises:
+            SpikelaneError: No such lane, or an episode that nothing ends.
+            Interrupted: A signal has come.
+        """
         limits = self.simulators.world.limits
         if not (limits.max_laps or limits.max_steps):
             raise SpikelaneError(
                 'episode.max_laps, episode.max_steps: expected a limit, or a lap may never end'
             )
-        for robot in range(len(self)):
+        for robot, lane in enumerate(lanes):
             self.reset(robot, lane, episode=1)
         journey = make_journey(len(self), CALL_STEPS, has_places=True)
         journey.wanted[:] = CALL_STEPS
-        rows: list[list[NDArray[np.float64]]] = [[] for _ in range(len(self))]
-        is_over = np.zeros(len(self), np.bool_)
-        while not is_over.all():
+        places: list[list[NDArray[np.void]]] = [[] for _ in lanes]
+        answers: list[list[NDArray[np.float64]]] = [[] for _ in lanes]
+        while journey.wanted.any():
             check()
             self.advance(journey)
-            for robot, count in enumerate(journey.taken.tolist()):
-                answers, places = journey.answers[robot, :count], journey.places[robot, :count]
-                rows[robot].append(np.hstack([places, answers]))
-            is_over |= journey.has_ended
-            journey.wanted[is_over] = 0
-        ends = [self.simulators.lane_state(robot) for robot in range(len(self))]
-        return ends, _frame([np.concatenate(each) for each in rows])
+            counts = journey.taken + journey.has_ended  # the last observation is answered, too
+            for robot, count in enumerate(counts.tolist()):
+                places[robot].append(journey.places[robot, :count].copy())
+                answers[robot].append(journey.answers[robot, :count].copy())
+            journey.wanted[journey.has_ended] = 0
+            known = self.simulators.robots.known
+            on_advance(known['step'], known['progress_m'])
+        return [
+            Track(self.simulators.lane_state(robot), np.concatenate(where), np.concatenate(what))
+            for robot, (where, what) in enumerate(zip(places, answers, strict=True))
+        ]
 
     def _begin(self, lane: str | None) -> None:
         """Begin the first episode of the robots that have begun none."""
@@ -242,10 +283,19 @@ class Fleet:
                 self.reset(robot, lane)
 
 
-def _frame(tracks: list[NDArray[np.float64]]) -> pd.DataFrame:
+#: Columns of a table of steps, in addition to robot, step and time.
+_COLUMNS = ('x_m', 'y_m', 'heading_rad', 'distance_m')
+
+
+def _frame(tracks: Sequence[Track]) -> pd.DataFrame:
     """Return the steps of all robots as a table."""
-    steps = np.concatenate([np.arange(len(each)) for each in tracks])
-    columns = (*PLACE_COLUMNS, 'left_rad_s', 'right_rad_s')
-    values = dict(zip(columns, np.concatenate(tracks).T, strict=True))
-    robots = np.repeat(np.arange(len(tracks)), [len(each) for each in tracks])
-    return pd.DataFrame({'robot': robots, 'step': steps, 't_s': steps * STEP_S, **values})
+    lengths = [len(track.places) - 1 for track in tracks]
+    places = np.concatenate([track.places[:-1] for track in tracks])
+    answers = np.concatenate([track.answers[:-1] for track in tracks])
+    steps = np.concatenate([np.arange(length) for length in lengths])
+    robots = np.repeat(np.arange(len(tracks)), lengths)
+    values = {name: places[name] for name in _COLUMNS}
+    wheels = {'left_rad_s': answers[:, 0], 'right_rad_s': answers[:, 1]}
+    return pd.DataFrame(
+        {'robot': robots, 'step': steps, 't_s': steps * STEP_S, **values, **wheels}
+    )

@@ -5,29 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from spikelane.fleet.fleet import Fleet
+from spikelane.fleet.setting import setting
 from spikelane.interruption import check
 from spikelane.runs.train.config import TrainConfig
 from spikelane_controllers.fleet import Journey, make_journey
 from spikelane_controllers.learning.training import Start, Training
-from spikelane_controllers.registry import card
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.fleet.world import check_world
 
 #: Called with the number of a training that has come on, and its progress along the lane [m].
 OnProgress = Callable[[int, float], None]
-
-
-def can_train(config: TrainConfig) -> bool:
-    """Return whether the kernel has all that determines a training."""
-    if config.transport != 'inprocess' or config.filter.names:
-        return False
-    if not card(config.controller).fleet:
-        return False
-    try:
-        check_world(config.simulator)
-    except ParameterError:
-        return False
-    return True
 
 
 def train_fleet(
@@ -51,7 +37,7 @@ def train_fleet(
     """
     first = configs[0]
     for config in configs[1:]:
-        if _setting(config) != _setting(first):
+        if setting(config) != setting(first):
             raise ParameterError(
                 'fleet: expected trainings that differ in seed, course and length alone'
             )
@@ -66,15 +52,6 @@ def train_fleet(
         for robot, training in enumerate(trainings):
             _begin(fleet, robot, training)
         _drive(fleet, trainings, show)
-
-
-def _setting(config: TrainConfig) -> dict[str, object]:
-    """Return all that the robots of a fleet must have in common."""
-    values = config.to_dict()
-    simulator = {**values['simulator'], 'course': ''}
-    without = ('seed', 'scenario', 'course', 'training', 'given')
-    rest = {name: value for name, value in values.items() if name not in without}
-    return {**rest, 'simulator': simulator}
 
 
 def _begin(fleet: Fleet, robot: int, training: Training) -> None:

@@ -15,6 +15,7 @@ import yaml
 from spikelane.lock import locked
 from spikelane.main import run
 from spikelane.runs.configuration import Request
+from spikelane.runs.evaluate import run as evaluation
 from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.metrics import evaluation_metrics
 from spikelane.runs.evaluate.run import evaluate
@@ -24,6 +25,9 @@ from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 import spikelane_sim.course
 from spikelane_sim.errors import SpikelaneError
+
+#: A robot in a file.
+SMALL = Path(__file__).parents[5] / 'docs/examples/robot/small.urdf'
 
 SHORT: dict[str, Any] = {
     'simulator.robot.model': 'kinematic',
@@ -145,11 +149,14 @@ def test_several_courses_are_told_apart() -> None:
     assert errors == {'1': 0.02, '3': 0.04}
 
 
-def test_an_evaluation_that_was_stopped_goes_on(tmp_path: Path) -> None:
+def test_an_evaluation_that_was_stopped_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Laps that are there are not driven again; the result is that of one never stopped."""
     config = config_of({'seeds': 2})
     whole, stopped = tmp_path / 'whole', tmp_path / 'stopped'
     evaluate_in(whole, config)
+    monkeypatch.setattr(evaluation, 'can_drive', lambda config: False)  # lap by lap
     seen: list[int] = []
 
     def stop_in_third_lap(steps: int, share: float) -> None:
@@ -169,12 +176,17 @@ def test_an_evaluation_that_was_stopped_goes_on(tmp_path: Path) -> None:
     assert steps[:3] == [60, 120, 120]
 
 
-def test_the_share_done_grows_to_one(tmp_path: Path) -> None:
-    """Step by step."""
+@pytest.mark.parametrize('is_together', [False, True])
+def test_the_share_done_grows_to_one(
+    tmp_path: Path, is_together: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Step by step, or lap by lap where the laps are driven together."""
+    monkeypatch.setattr(evaluation, 'can_drive', lambda config: is_together)
     shares: list[float] = []
     evaluate(config_of({}), RunFolder(tmp_path), lambda steps, share: shares.append(share))
     assert shares == sorted(shares)
-    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert 0.0 <= shares[0] < 0.1
+    assert shares[-1] == 1.0
 
 
 @pytest.fixture
@@ -316,3 +328,17 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_is(
     """One line says why."""
     with pytest.raises(SpikelaneError, match=message):
         config_of(evaluation)
+
+
+def test_a_robot_whose_urdf_has_changed_is_noticed(tmp_path: Path) -> None:
+    """An evaluation is not resumed with another robot, whatever the file is called."""
+    urdf = tmp_path / 'own.urdf'
+    text = SMALL.read_text('utf-8')
+    urdf.write_text(text, 'utf-8')
+    own = {**SHORT, 'simulator.robot.engine': 'kinematic', 'simulator.robot.model': str(urdf)}
+    config = EvaluateConfig.make(Request('1', 'braitenberg', 0, 'inprocess', own), {})
+    folder = RunFolder.begin(config, tmp_path / 'run')
+    config.check_resumable(folder)
+    urdf.write_text(f'{text}<!-- changed -->', 'utf-8')
+    with pytest.raises(SpikelaneError, match=r'expected a run with inputs\..*own\.urdf'):
+        config.check_resumable(folder)

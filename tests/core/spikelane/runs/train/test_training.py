@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -28,6 +29,9 @@ from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
+
+#: A robot in a file.
+SMALL = Path(__file__).parents[5] / 'docs/examples/robot/small.urdf'
 
 #: Uneven weights that lead off the lane soon: short episodes, ended in either way.
 SWERVING: dict[str, Any] = {
@@ -109,7 +113,7 @@ from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train import run
 path, steps, resume, parameters, is_in_kernel, where, count, number = sys.argv[1:]
 if is_in_kernel == 'False':
-    run.can_train = lambda config: False
+    run.has_kernel = lambda config: False
 asked = Request('1', 'rstdp', 3, 'inprocess', eval(parameters))
 config = TrainConfig.make(asked, int(steps))
 def end_at(now):
@@ -499,3 +503,32 @@ def test_a_training_with_filters_goes_on_bit_for_bit(tmp_path: Path) -> None:
     for name, given in (('unfiltered', FILTERED), ('whole', noise)):
         with pytest.raises(CheckpointError, match=r'expected a training with filter'):
             train_in(tmp_path / name, config_of(steps=400, **given), resume=True)
+
+
+def test_a_robot_whose_urdf_has_changed_is_noticed(tmp_path: Path) -> None:
+    """A training is not resumed with another robot, whatever the file is called."""
+    urdf = tmp_path / 'own.urdf'
+    text = SMALL.read_text('utf-8')
+    urdf.write_text(text, 'utf-8')
+    own = {'simulator.robot.model': str(urdf), 'simulator.robot.engine': 'kinematic'}
+    train_in(tmp_path / 'run', config_of(100, **own))
+    resumed = train_in(tmp_path / 'run', config_of(150, **own), resume=True)
+    assert resumed.steps == 150
+    urdf.write_text(f'{text}<!-- changed -->', 'utf-8')
+    expected = rf'expected a training with inputs\.{re.escape(str(urdf))} [0-9a-f]{{64}}, got one'
+    with pytest.raises(CheckpointError, match=expected):
+        train_in(tmp_path / 'run', config_of(200, **own), resume=True)
+
+
+def test_a_checkpoint_that_does_not_tell_what_was_in_files_is_resumed(tmp_path: Path) -> None:
+    """Earlier versions did not write it down."""
+    urdf = tmp_path / 'own.urdf'
+    urdf.write_bytes(SMALL.read_bytes())
+    own = {'simulator.robot.model': str(urdf), 'simulator.robot.engine': 'kinematic'}
+    train_in(tmp_path, config_of(100, **own))
+    file = RunFolder(tmp_path).checkpoint
+    arrays, facts = read_checkpoint(file, 'rstdp')
+    config = {name: value for name, value in facts['config'].items() if name != 'inputs'}
+    assert len(config) == len(facts['config']) - 1
+    write_checkpoint(file, 'rstdp', arrays, {**facts, 'config': config})
+    assert train_in(tmp_path, config_of(150, **own), resume=True).steps == 150

@@ -2,22 +2,31 @@
 
 Each lap is the one that `spikelane lap` drives with the same lane and seed. Laps that are done are
 kept one by one, so that an evaluation that was stopped goes on with the next, and its results are
-those of one that never was: nothing in `metrics.json` depends on when or where it was made.
+those of one that never was: nothing in `metrics.json` depends on when or where it was made. Laps
+that a fleet can drive are driven many at a time (`fleet.laps`), with the same bits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import json
 from pathlib import Path
 import shutil
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane.fleet.fleet import OnAdvance
+from spikelane.fleet.laps import can_drive, drive_fleet, MOST_LAPS
+from spikelane.fleet.setting import setting
+from spikelane.interruption import check
 from spikelane.runs.evaluate.config import EvaluateConfig, LapOfEvaluation
 from spikelane.runs.evaluate.metrics import evaluation_metrics
 from spikelane.runs.evaluate.summary import check_lap, SummarisedLap
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.metrics import lap_metrics
-from spikelane.runs.lap.run import drive
+from spikelane.runs.lap.run import drive, DrivenLap
 from spikelane.runs.lap.trajectory import read_csv, Trajectory, write_csv
 from spikelane.runs.output import OnProgress, ShowShare
 from spikelane_controllers.operations import Operations
@@ -25,6 +34,28 @@ from spikelane_controllers.registry import title as controller_title
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.files import write_json
+
+
+class Evaluation(NamedTuple):
+    """An evaluation in its folder.
+
+    Attributes:
+        config: What to drive.
+        folder: Where laps go.
+        show: Called as laps come on.
+    """
+
+    config: EvaluateConfig
+    folder: RunFolder
+    show: ShowShare
+
+
+class _Lap(NamedTuple):
+    """A lap that is still to be driven."""
+
+    each: LapOfEvaluation
+    path: Path
+    evaluation: int  # which one it is of
 
 
 class LapRow(SummarisedLap):
@@ -52,6 +83,8 @@ def evaluate(
         SpikelaneError: A lap cannot be driven, or a file not be written.
     """
     laps = list(config.laps())
+    if not record:
+        drive_together([Evaluation(config, folder, show)])
     rows: list[dict[str, Any]] = []
     steps = 0
     for number, each in enumerate(laps):
@@ -73,6 +106,62 @@ def evaluate(
     metrics = evaluation_metrics(config, rows)
     folder.write_metrics(metrics)
     return metrics
+
+
+def drive_together(evaluations: Sequence[Evaluation]) -> None:
+    """Drive the laps of evaluations that a fleet has, many at a time; the others are left.
+
+    Raises:
+        SpikelaneError: A lap cannot be driven, or a file not be written.
+    """
+    together: dict[str, list[_Lap]] = {}
+    shown = _Shown(evaluations)
+    for number, (config, folder, _) in enumerate(evaluations):
+        for each in config.laps():
+            path = folder.laps / each.name
+            if can_drive(each.config) and not RunFolder(path).metrics.exists():
+                key = json.dumps(setting(each.config), sort_keys=True)
+                together.setdefault(key, []).append(_Lap(each, path, number))
+    for laps in together.values():
+        for first in range(0, len(laps), MOST_LAPS):
+            _drive_some(laps[first : first + MOST_LAPS], shown)
+
+
+def _drive_some(laps: Sequence[_Lap], shown: _Shown) -> None:
+    """Drive laps of one setting, all at once."""
+    configs = [lap.each.config for lap in laps]
+    for lap, driven in zip(laps, drive_fleet(configs, shown.of(laps)), strict=True):
+        check()
+        _write_row(lap.each, _begin_lap(lap.path), driven)
+
+
+class _Shown:
+    """Shows how evaluations come on whose laps are driven together."""
+
+    def __init__(self, evaluations: Sequence[Evaluation]) -> None:
+        self._evaluations = evaluations
+        self._n_laps = [len(list(each.config.laps())) for each in evaluations]
+        self._steps = [0] * len(evaluations)  # of the laps that were driven before
+        self._shares = [0.0] * len(evaluations)
+
+    def of(self, laps: Sequence[_Lap]) -> OnAdvance:
+        """Return what is called as these laps come on."""
+        lengths_m = [
+            lap.each.length_m * max(1, lap.each.config.simulator.episode.max_laps) for lap in laps
+        ]
+        before_steps, before_shares = list(self._steps), list(self._shares)
+
+        def on_advance(steps: NDArray[np.int64], progress_m: NDArray[np.float64]) -> None:
+            self._steps, self._shares = list(before_steps), list(before_shares)
+            columns = (laps, steps.tolist(), progress_m.tolist(), lengths_m)
+            for lap, step, driven_m, length_m in zip(*columns, strict=True):
+                share = min(max(driven_m / length_m, 0.0), 1.0)
+                self._steps[lap.evaluation] += step
+                self._shares[lap.evaluation] += share / self._n_laps[lap.evaluation]
+            for number in {lap.evaluation for lap in laps}:
+                self._evaluations[number].show(self._steps[number], self._shares[number])
+
+        return on_advance
 
 
 def draw_some_courses(
@@ -117,10 +206,18 @@ def _row_of(
     folder = RunFolder(path)
     if folder.metrics.exists():
         return folder.read_metrics(LapRow, check_lap)
-    # A lap that was interrupted restarts.
+    folder = _begin_lap(path)
+    return _write_row(each, folder, drive(each.config, folder, show, record=record))
+
+
+def _begin_lap(path: Path) -> RunFolder:
+    """Make the folder of a lap; one that was interrupted restarts."""
     shutil.rmtree(path, ignore_errors=True)
-    RunFolder.create(path, numbered=False)
-    driven = drive(each.config, folder, show, record=record)
+    return RunFolder.create(path, numbered=False)
+
+
+def _write_row(each: LapOfEvaluation, folder: RunFolder, driven: DrivenLap) -> dict[str, Any]:
+    """Write what came of a lap; return its metrics."""
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
     row = {

@@ -10,10 +10,12 @@ from pathlib import Path
 import time
 from typing import Any
 
-from spikelane.fleet.training import can_train, train_fleet
+from spikelane.fleet.setting import has_kernel
+from spikelane.fleet.training import train_fleet
 from spikelane.interruption import check
 from spikelane.recording.record import check_recordable, facts_of, recorded, Recording
 from spikelane.runs.folder import RunFolder
+from spikelane.runs.input_files import input_digests
 from spikelane.runs.output import OnProgress
 from spikelane.runs.train.config import learning_controller, TrainConfig
 from spikelane.runs.transport import over_ros
@@ -23,7 +25,7 @@ from spikelane_controllers.learning.results import (
     TrainingResults,
 )
 from spikelane_controllers.learning.scalar_log import LOG_FOLDER, ScalarLog
-from spikelane_controllers.learning.training import Termination, Training
+from spikelane_controllers.learning.training import INPUTS, Termination, Training
 from spikelane_controllers.registry import (
     controller_class,
     title,
@@ -123,7 +125,7 @@ def train(
         return trained
     training = make_training(config, folder, resume=resume)
     ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
-    if not record and can_train(config):
+    if not record and has_kernel(config):
         # The same bits as below, sooner; a recording needs every step.
         train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
         return training
@@ -191,9 +193,15 @@ def _draw(results: TrainingResults, folder: Path, name: str) -> list[Path]:
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:
-    """Return what must be the same to resume a training: all but its place and length."""
+    """Return what must be the same to resume a training: all but its place and length.
+
+    What is in the files that it names is part of it.
+    """
     values = config.to_dict()
+    inputs = input_digests(values)
     del values['transport'], values['training']
+    if inputs:
+        values[INPUTS] = inputs
     # Without filters this is what it was before there were any.
     return {**values, 'filter': config.filter.chosen(), 'save_every': config.training.save_every}
 

@@ -1,0 +1,123 @@
+"""Laps in a fleet: of any seeds, lanes, courses and weights, each with the same bits as alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane.fleet.fleet import Fleet, OnAdvance, Track
+from spikelane.fleet.setting import has_kernel, setting
+from spikelane.runs.configuration import configured_controller
+from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.lap.run import DrivenLap
+from spikelane.runs.lap.trajectory import Trajectory, trajectory_from_columns
+from spikelane_sim.contract import STEP_NS
+from spikelane_sim.course import load_course
+from spikelane_sim.errors import ParameterError
+
+#: Laps that are driven at a time: more would need more memory, and be no faster.
+MOST_LAPS = 64
+
+
+def can_drive(config: LapConfig) -> bool:
+    """Return whether the kernel has all that determines a lap, and something ends it."""
+    limits = config.simulator.episode
+    return has_kernel(config) and bool(limits.max_laps or limits.max_steps)
+
+
+def drive_fleet(
+    configs: Sequence[LapConfig],
+    on_advance: OnAdvance = lambda *_: None,
+    *,
+    threads: int = 1,
+) -> list[DrivenLap]:
+    """Drive laps, all at once.
+
+    Args:
+        configs: What determines each; they differ in nothing but seed, lane, course and weights.
+        on_advance: Called as they come on.
+        threads: How many threads drive them.
+
+    Returns:
+        What came of each; its wall time is that of all.
+
+    Raises:
+        SpikelaneError: They are not laps of one setting, or one cannot be driven.
+        Interrupted: A signal has come.
+    """
+    first = configs[0]
+    if any(setting(config) != setting(first) for config in configs[1:]):
+        raise ParameterError(
+            'fleet: expected laps that differ in seed, lane, course and weights alone'
+        )
+    with Fleet(
+        first.controller,
+        [config.seed for config in configs],
+        simulator=first.simulator,
+        parameters=first.controller_parameters.to_dict(),
+        courses=[config.simulator.course for config in configs],
+        threads=threads,
+    ) as fleet:
+        for robot, config in enumerate(configs):
+            if config.controller_parameters != first.controller_parameters:
+                controller = configured_controller(config)
+                fleet.host(robot, controller, controller.reset)
+        start_s = time.perf_counter()
+        tracks = fleet.episodes([config.lane for config in configs], on_advance)
+        wall_time_s = time.perf_counter() - start_s
+        return [
+            DrivenLap(
+                _trajectory(config, track), wall_time_s, None, fleet.controllers.operations(robot)
+            )
+            for robot, (config, track) in enumerate(zip(configs, tracks, strict=True))
+        ]
+
+
+def _trajectory(config: LapConfig, track: Track) -> Trajectory:
+    """Return an episode as a single simulator's recorder has it."""
+    course, lane, places = load_course(config.simulator.course), config.lane, track.places
+    steps = np.arange(len(places))
+    names = [course.section_name(lane, each) for each in places['section'].tolist()]
+    rest = {name: places[name].copy() for name in places.dtype.names or () if name in _TAKEN}
+    zeros = np.zeros(len(places))
+    return trajectory_from_columns(
+        lane,
+        track.end.reason,
+        {
+            **rest,
+            'stamp_ns': (steps + 1) * STEP_NS,
+            'step': steps,
+            'section': np.array(names, np.str_),
+            # From the heading to the heading by way of the quaternion, as a robot's state has it.
+            'orientation_x': zeros,
+            'orientation_y': zeros,
+            'orientation_z': _of_half(math.sin, places['heading_rad']),
+            'orientation_w': _of_half(math.cos, places['heading_rad']),
+            'left_rad_s': track.answers[:, 0].copy(),
+            'right_rad_s': track.answers[:, 1].copy(),
+        },
+    )
+
+
+#: Columns of a trajectory that a fleet has as they are.
+_TAKEN = (
+    'x_m',
+    'y_m',
+    'distance_m',
+    'heading_error_rad',
+    'position_m',
+    'progress_m',
+    'laps',
+    'events',
+)
+
+
+def _of_half(
+    of: Callable[[float], float], headings_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the sine or cosine of half of each angle [rad], (n,)."""
+    return np.array([of(heading_rad / 2) for heading_rad in headings_rad.tolist()])

@@ -1,0 +1,37 @@
+"""What runs must have in common to be robots of one fleet, and whether a kernel has it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from spikelane.runs.configuration import Configuration
+from spikelane_controllers.registry import card
+from spikelane_sim.errors import ParameterError
+from spikelane_sim.fleet.world import check_world
+
+#: What robots of one fleet may each have of their own.
+_OWN = ('seed', 'scenario', 'course', 'lane', 'training', 'evaluation', 'given')
+
+
+def has_kernel(config: Configuration) -> bool:
+    """Return whether the kernel has all that determines how a run drives."""
+    if config.transport != 'inprocess' or config.filter.names:
+        return False
+    if not card(config.controller).fleet:
+        return False
+    try:
+        check_world(config.simulator)
+    except ParameterError:
+        return False
+    return True
+
+
+def setting(config: Configuration) -> dict[str, Any]:
+    """Return all that the robots of a fleet must have in common."""
+    values = {name: value for name, value in config.to_dict().items() if name not in _OWN}
+    weights = {'checkpoint': ''} if 'checkpoint' in values[config.controller] else {}
+    return {
+        **values,
+        'simulator': {**values['simulator'], 'course': ''},
+        config.controller: {**values[config.controller], **weights},
+    }
