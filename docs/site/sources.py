@@ -37,7 +37,6 @@ _MARK = 'https://source.invalid/'
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to the steps of a build."""
-    app.add_lexer('mermaid', TextLexer)
     app.connect('source-read', mark_links)
     app.connect('doctree-resolved', lead_links)
     app.connect('html-collect-pages', source_pages)

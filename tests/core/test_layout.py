@@ -1,5 +1,6 @@
 """The folders of tests mirror the folders that they test."""
 
+import ast
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -54,3 +55,33 @@ def test_at_the_top_are_only_rules_for_the_whole_repository() -> None:
         'test_skips.py',
         'test_topic_names.py',
     }
+
+
+def modules() -> Iterator[Path]:
+    """Yield the files of Python that are no tests."""
+    for folder in COUNTERPARTS.values():
+        yield from ROOT.joinpath(folder).rglob('*.py')
+
+
+def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return how many lines a function has without its docstring."""
+    first = function.body[0]
+    is_docstring = ast.get_docstring(function) is not None
+    docstring = first.end_lineno - first.lineno + 1 if is_docstring and first.end_lineno else 0
+    assert function.end_lineno
+    return function.end_lineno - function.lineno + 1 - docstring
+
+
+def test_modules_and_functions_are_as_short_as_contributing_says() -> None:
+    """Modules have at most 400 lines, scripts 520, and functions 70."""
+    found, functions = [*modules()], 0
+    assert len(found) > 300
+    for file in found:
+        text = file.read_text('utf-8')
+        is_script = file.is_relative_to(ROOT / 'docs') or file.is_relative_to(ROOT / 'setup')
+        assert len(text.splitlines()) <= (520 if is_script else 400), file
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                functions += 1
+                assert code_lines(node) <= 70, f'{file}: {node.name}'
+    assert functions > 2000

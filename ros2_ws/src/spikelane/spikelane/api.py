@@ -100,7 +100,7 @@ def drive(
         seed: Seed of all randomness.
         checkpoint: Weights, as in `make_controller`; None for those shipped for the scenario.
         robot: 'p3dx' or 'turtlebot4'; None for the first.
-        engine: 'pybullet' or 'kinematic', what moves the robot; None for the first.
+        engine: 'pybullet', 'rigid' or 'kinematic', what moves the robot; None for the first.
         parameters: Others than the defaults, as {'simulator.camera.fov_deg': 90}; those of a
             controller that is given by its name under that name.
         record: Quantities that the controller is to record, as ['spikes', 'weights'], or ['all'];
