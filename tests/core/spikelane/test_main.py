@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 import os
 from pathlib import Path
 import signal
@@ -13,19 +12,10 @@ from types import ModuleType
 import pytest
 
 from spikelane.executables import executables, find_executable
-from spikelane.interruption import check, SIGNALS
+from spikelane.interruption import check
 from spikelane.main import COMMANDS, main, run
 from spikelane_controllers import registry
 from spikelane_sim.errors import PacketError, SpikelaneError
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """The command ignores signals once it is done; the test runner wants its own way back."""
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 def exit_of(*arguments: str) -> object:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-import signal
 import socket
 import sys
 import time
@@ -15,14 +13,6 @@ from spikelane.experiment.engine import Ended, ended_run
 from spikelane.experiment.ray import RayEngine
 from spikelane.experiment.worker import LOG, main
 from spikelane_sim.errors import SpikelaneError
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """A worker handles SIGTERM; the test runner wants its own way back."""
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import json
 import os
 from pathlib import Path
-import signal
 from typing import Any
 
 import pytest
@@ -189,20 +187,12 @@ def test_the_share_done_grows_to_one(
     assert shares[-1] == 1.0
 
 
-@pytest.fixture
-def _signals_as_before() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
-
-
 def command(*options: str) -> int:
     """Run `spikelane evaluate` with the kinematic robot, 60 steps of each lap."""
     limit = 'simulator.episode.max_steps=60'
     return run(['evaluate', '--robot', 'kinematic', '--param', limit, *options])
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_the_command_leaves_a_folder_and_goes_on_in_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -226,7 +216,6 @@ def test_the_command_leaves_a_folder_and_goes_on_in_it(
     assert 'expected a run with evaluation.seeds 3, got one with 2' in error
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_it_says_how_far_a_drive_came_that_is_not_complete(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,7 +236,6 @@ def test_it_says_how_far_a_drive_came_that_is_not_complete(
     assert lines[start + 20] == '           and 2 more, in metrics.json'
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_it_does_not_go_on_with_another_course_in_the_same_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -263,7 +251,6 @@ def test_it_does_not_go_on_with_another_course_in_the_same_file(
     assert f'expected a run with inputs.{course} ' in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_two_do_not_evaluate_in_one_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,7 +266,6 @@ def test_two_do_not_evaluate_in_one_folder(
     assert (tmp_path / 'run/laps/outer-seed0/trajectory.csv').exists()
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_weights_that_cannot_be_read_leave_no_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -292,7 +278,6 @@ def test_weights_that_cannot_be_read_leave_no_folder(
     assert not (tmp_path / 'run').exists()
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 @pytest.mark.parametrize('laps', ['0', '-1'])
 def test_a_drive_without_end_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], laps: str
@@ -304,7 +289,6 @@ def test_a_drive_without_end_is_refused(
     assert not (tmp_path / 'run').exists()
 
 
-@pytest.mark.usefixtures('_signals_as_before')
 def test_noise_is_that_of_the_pixel_model(tmp_path: Path) -> None:
     """Each has its own parameter."""
     out = tmp_path / 'run'

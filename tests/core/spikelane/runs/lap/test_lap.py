@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import io
 import json
 import os
 from pathlib import Path
 import re
-import signal
 import subprocess
 import sys
 from typing import Any, NamedTuple
@@ -34,14 +32,6 @@ class Lap(NamedTuple):
     status: int
     result: dict[str, Any]
     folder: Path
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """The command handles SIGTERM; the test runner wants its own way back."""
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture(scope='module')

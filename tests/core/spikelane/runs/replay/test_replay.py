@@ -1,13 +1,12 @@
 """Replays: exact where they should be, and honest about what is missing."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import csv
 import dataclasses
 import json
 import math
 from pathlib import Path
 import re
-import signal
 from typing import Any
 
 import numpy as np
@@ -32,14 +31,6 @@ SEED = 5
 OBSERVATIONS = 31 + 21 + 26
 
 BagOf = Callable[..., Path]
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """The command handles SIGTERM; the test runner wants its own way back."""
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 def replayed(

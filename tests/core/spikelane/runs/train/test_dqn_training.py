@@ -21,7 +21,7 @@ from spikelane.main import run
 from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import make_training, train
+from spikelane.runs.train.run import make_training
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn.training import (
     DqnTraining,
@@ -55,21 +55,6 @@ def config_of(steps: int = STEPS, seed: int = 3, **parameters: Any) -> TrainConf
     config = TrainConfig.make(Request('1', 'dqn', seed, 'inprocess', SMALL | parameters), steps)
     training = DqnTrainingParameters(steps=steps, save_every=SAVE_EVERY)
     return dataclasses.replace(config, training=training)
-
-
-def train_in(path: Path, config: TrainConfig, *, resume: bool = False) -> DqnTraining:
-    """Train in a folder."""
-    training = train(config, RunFolder(path), lambda steps, progress_m: None, resume=resume)
-    assert isinstance(training, DqnTraining)
-    return training
-
-
-@pytest.fixture(scope='module')
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a training that was never stopped."""
-    folder = tmp_path_factory.mktemp('whole')
-    train_in(folder, config_of())
-    return folder
 
 
 def checkpoint_bytes(folder: Path) -> bytes:
@@ -108,7 +93,7 @@ def test_the_states_kept_are_those_learnt_from(whole: Path) -> None:
     assert states.any(axis=1).mean() > 0.9
 
 
-def test_the_seed_determines_everything(whole: Path, tmp_path: Path) -> None:
+def test_the_seed_determines_everything(whole: Path, tmp_path: Path, train_in: Any) -> None:
     """The same one gives the same files, another one another network."""
     train_in(tmp_path / 'same', config_of())
     assert checkpoint_bytes(tmp_path / 'same') == checkpoint_bytes(whole)
@@ -161,7 +146,7 @@ train(config, RunFolder(Path(path)), show, resume=resume == 'True')
     ],
 )
 def test_a_killed_training_goes_on_bit_for_bit(
-    tmp_path: Path, robot: str, kills: list[tuple[str, int]]
+    tmp_path: Path, robot: str, kills: list[tuple[str, int]], train_in: Any
 ) -> None:
     """Killed within an action, between states and checkpoint, and while it repeats an episode."""
     killed, whole = tmp_path / 'killed', tmp_path / 'whole'
@@ -183,7 +168,9 @@ def test_a_killed_training_goes_on_bit_for_bit(
 
 
 @pytest.mark.parametrize('steps', range(8, 13))
-def test_a_training_that_is_done_can_be_prolonged(whole: Path, tmp_path: Path, steps: int) -> None:
+def test_a_training_that_is_done_can_be_prolonged(
+    whole: Path, tmp_path: Path, steps: int, train_in: Any
+) -> None:
     """By resuming with more steps, wherever it was done: in an episode or at its end."""
     train_in(tmp_path, config_of(steps=steps))
     prolonged = train_in(tmp_path, config_of(), resume=True)
@@ -192,7 +179,9 @@ def test_a_training_that_is_done_can_be_prolonged(whole: Path, tmp_path: Path, s
     assert np.array_equal(read_states(tmp_path), read_states(whole))
 
 
-def test_what_is_no_such_training_is_not_resumed(whole: Path, tmp_path: Path) -> None:
+def test_what_is_no_such_training_is_not_resumed(
+    whole: Path, tmp_path: Path, train_in: Any
+) -> None:
     """Another configuration, states that are missing, or weights alone."""
     with pytest.raises(CheckpointError, match=r'dqn.q_learning.discount 0.9, got one with 0.99'):
         train_in(whole, config_of(**{'dqn.q_learning.discount': 0.9}), resume=True)
@@ -223,7 +212,7 @@ def test_exported_weights_drive(whole: Path, tmp_path: Path) -> None:
         assert np.array_equal(one, other)
 
 
-def test_a_network_that_diverges_is_reported(tmp_path: Path) -> None:
+def test_a_network_that_diverges_is_reported(tmp_path: Path, train_in: Any) -> None:
     """The checkpoint before stays."""
     train_in(tmp_path, config_of(10))
     found = read_checkpoint(tmp_path, 'dqn')

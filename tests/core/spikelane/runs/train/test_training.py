@@ -20,10 +20,10 @@ from spikelane.main import run
 from spikelane.runs.configuration import Request
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import make_training, train
+from spikelane.runs.train.run import make_training
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.learning.results import TrainingResults
-from spikelane_controllers.learning.training import Termination, Training, TrainingParameters
+from spikelane_controllers.learning.training import Termination, TrainingParameters
 from spikelane_controllers.rstdp.learnt_weights import WEIGHTS
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
@@ -47,19 +47,6 @@ STEPS = 650
 def config_of(steps: int = STEPS, seed: int = 3, **parameters: Any) -> TrainConfig:
     """Make the configuration of a training that swerves, with other parameters."""
     return TrainConfig.make(Request('1', 'rstdp', seed, 'inprocess', SWERVING | parameters), steps)
-
-
-def train_in(path: Path, config: TrainConfig, *, resume: bool = False) -> Training:
-    """Train in a folder."""
-    return train(config, RunFolder(path), lambda steps, progress_m: None, resume=resume)
-
-
-@pytest.fixture(scope='module')
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give the folder of a training that was never stopped."""
-    folder = tmp_path_factory.mktemp('whole')
-    train_in(folder, config_of())
-    return folder
 
 
 def checkpoint_bytes(folder: Path) -> bytes:
@@ -95,7 +82,7 @@ def test_weights_are_kept_every_hundred_steps(whole: Path) -> None:
     assert np.abs(training.controller.weights_pa - last).max() < 50.0
 
 
-def test_the_seed_determines_everything(whole: Path, tmp_path: Path) -> None:
+def test_the_seed_determines_everything(whole: Path, tmp_path: Path, train_in: Any) -> None:
     """The same one gives the same file, another one other initial weights."""
     train_in(tmp_path / 'same', config_of())
     assert checkpoint_bytes(tmp_path / 'same') == checkpoint_bytes(whole)
@@ -198,7 +185,12 @@ def train_until(
     ],
 )
 def test_a_killed_training_goes_on_bit_for_bit(
-    tmp_path: Path, robot: str, is_in_kernel: bool, steps: int, kills: list[tuple[Kill, int]]
+    tmp_path: Path,
+    robot: str,
+    is_in_kernel: bool,
+    steps: int,
+    kills: list[tuple[Kill, int]],
+    train_in: Any,
 ) -> None:
     """Killed again and again, anywhere: the checkpoint at the end is that of one never stopped."""
     killed, whole = tmp_path / 'killed', tmp_path / 'whole'
@@ -212,7 +204,9 @@ def test_a_killed_training_goes_on_bit_for_bit(
     assert checkpoint_bytes(killed) == checkpoint_bytes(whole)
 
 
-def test_a_training_that_is_done_can_be_prolonged(whole: Path, tmp_path: Path) -> None:
+def test_a_training_that_is_done_can_be_prolonged(
+    whole: Path, tmp_path: Path, train_in: Any
+) -> None:
     """By resuming with more steps; with the same ones nothing happens."""
     train_in(tmp_path, config_of(steps=370))
     train_in(tmp_path, config_of(), resume=True)
@@ -260,13 +254,15 @@ def test_nothing_depends_on_the_time_an_episode_begins() -> None:
         (config_of(**{'rstdp.c_r': 0.02}), 'with rstdp.c_r 0.02, got one with 0.01'),
     ],
 )
-def test_another_training_is_not_resumed(whole: Path, config: TrainConfig, message: str) -> None:
+def test_another_training_is_not_resumed(
+    whole: Path, config: TrainConfig, message: str, train_in: Any
+) -> None:
     """The line says in what it differs."""
     with pytest.raises(CheckpointError, match=message):
         train_in(whole, config, resume=True)
 
 
-def test_what_is_no_training_is_not_resumed(whole: Path, tmp_path: Path) -> None:
+def test_what_is_no_training_is_not_resumed(whole: Path, tmp_path: Path, train_in: Any) -> None:
     """Nothing, a truncated checkpoint, one with NaN, and weights alone."""
     file = tmp_path / 'checkpoint.safetensors'
     with pytest.raises(CheckpointError, match=f'{file}: expected a checkpoint, got none'):
@@ -284,7 +280,9 @@ def test_what_is_no_training_is_not_resumed(whole: Path, tmp_path: Path) -> None
         train_in(tmp_path, config_of(), resume=True)
 
 
-def test_an_episode_that_is_not_the_same_again_is_noticed(whole: Path, tmp_path: Path) -> None:
+def test_an_episode_that_is_not_the_same_again_is_noticed(
+    whole: Path, tmp_path: Path, train_in: Any
+) -> None:
     """As with another version of something: the robot is somewhere else in the end."""
     arrays, facts = read_checkpoint(whole, 'rstdp')
     arrays['training.answers'][0, 0] += 0.01
@@ -294,7 +292,7 @@ def test_an_episode_that_is_not_the_same_again_is_noticed(whole: Path, tmp_path:
         train_in(tmp_path, config_of(STEPS + 100), resume=True)
 
 
-def test_a_training_is_not_begun_over_another(whole: Path) -> None:
+def test_a_training_is_not_begun_over_another(whole: Path, train_in: Any) -> None:
     """It would be lost."""
     before = checkpoint_bytes(whole)
     with pytest.raises(CheckpointError, match='expected a folder without a checkpoint'):
@@ -487,7 +485,7 @@ FILTERED: dict[str, Any] = {
 }
 
 
-def test_a_training_with_filters_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_a_training_with_filters_goes_on_bit_for_bit(tmp_path: Path, train_in: Any) -> None:
     """In the middle of an episode; other filters, or none, are another training."""
     train_in(tmp_path / 'whole', config_of(steps=300, **FILTERED))
     train_in(tmp_path / 'parts', config_of(steps=170, **FILTERED))

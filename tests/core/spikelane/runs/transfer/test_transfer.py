@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 import io
 import json
 from pathlib import Path
-import signal
 import sys
 from typing import Any
 
@@ -24,14 +22,6 @@ from spikelane_controllers.dqn_snn.normalisation import normalise
 from spikelane_controllers.dqn_snn.transferred import read_transferred
 
 QUICK = ('--states', '60', '--steps', '40', '--robot', 'kinematic', '--seed', '3')
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """The command handles SIGTERM; the test runner wants its own way back."""
-    before = signal.getsignal(signal.SIGTERM)
-    yield
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture(scope='module')
