@@ -73,13 +73,13 @@ def code_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 
 def test_modules_and_functions_are_as_short_as_contributing_says() -> None:
-    """Modules have at most 400 lines, scripts 520, and functions 70."""
+    """Modules have at most 450 lines, scripts 520, and functions 70."""
     found, functions = [*modules()], 0
     assert len(found) > 300
     for file in found:
         text = file.read_text('utf-8')
         is_script = file.is_relative_to(ROOT / 'docs') or file.is_relative_to(ROOT / 'setup')
-        assert len(text.splitlines()) <= (520 if is_script else 400), file
+        assert len(text.splitlines()) <= (520 if is_script else 450), file
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 functions += 1

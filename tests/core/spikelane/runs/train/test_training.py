@@ -503,7 +503,7 @@ def test_a_training_with_filters_goes_on_bit_for_bit(tmp_path: Path, train_in: A
             train_in(tmp_path / name, config_of(steps=400, **given), resume=True)
 
 
-def test_a_robot_whose_urdf_has_changed_is_noticed(tmp_path: Path) -> None:
+def test_a_robot_whose_urdf_has_changed_is_noticed(tmp_path: Path, train_in: Any) -> None:
     """A training is not resumed with another robot, whatever the file is called."""
     urdf = tmp_path / 'own.urdf'
     text = SMALL.read_text('utf-8')
@@ -518,7 +518,9 @@ def test_a_robot_whose_urdf_has_changed_is_noticed(tmp_path: Path) -> None:
         train_in(tmp_path / 'run', config_of(200, **own), resume=True)
 
 
-def test_a_checkpoint_that_does_not_tell_what_was_in_files_is_resumed(tmp_path: Path) -> None:
+def test_a_checkpoint_that_does_not_tell_what_was_in_files_is_resumed(
+    tmp_path: Path, train_in: Any
+) -> None:
     """Earlier versions did not write it down."""
     urdf = tmp_path / 'own.urdf'
     urdf.write_bytes(SMALL.read_bytes())
