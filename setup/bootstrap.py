@@ -418,9 +418,9 @@ def write_state(state: Mapping[str, Any]) -> None:
 
 def write_whole(file: Path, text: str) -> None:
     """Write a file such that it is there wholly or not at all."""
-    beside = file.with_name(f'{file.name}.new')
-    beside.write_text(text, errors='surrogateescape')
-    beside.replace(file)
+    temporary = file.with_name(f'{file.name}.new')
+    temporary.write_text(text, errors='surrogateescape')
+    temporary.replace(file)
 
 
 def run(command: Sequence[str], name: str, variables: Mapping[str, str]) -> None:

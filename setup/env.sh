@@ -13,7 +13,7 @@ case "${FASTRTPS_DEFAULT_PROFILES_FILE:-}" in
 esac
 
 # Where Python is kept from writing bytecode, every node would compile all libraries at each start,
-# for a second and more: it is written after all, but not beside any source.
+# for a second and more: it is written after all, but not next to any source.
 if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
   unset PYTHONDONTWRITEBYTECODE
   export PYTHONPYCACHEPREFIX=${PYTHONPYCACHEPREFIX:-$_root/.venv/pycache}

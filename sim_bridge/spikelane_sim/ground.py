@@ -33,7 +33,7 @@ __all__ = [  # the first six are the columns of a piece
 PIECE_M = 1.0
 PIECE_RAD = math.pi / 4
 
-# Pieces of one line overlap by this, lest rounding leave a crack between them [m].
+# Pieces of one line overlap by this, so that rounding leaves no gap between them [m].
 _OVERLAP_M = 1e-9
 
 

@@ -2,7 +2,7 @@
 
 A state is the counts of a state image, (rows, columns), each at most 255. The file is a sequence
 of zstd frames that any zstd program unpacks to the counts, one state after the other; what our
-reader needs besides, shape and lengths, is in skippable frames between. It only grows: a run that
+reader also needs, shape and lengths, is in skippable frames between. It only grows: a run that
 was killed leaves states that its checkpoint does not know of yet, and drops them when it goes on.
 """
 

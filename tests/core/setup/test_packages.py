@@ -43,7 +43,7 @@ IN_FILES = {'rerun': 'requirements/view.txt'}
 
 
 def imported(folder: Path) -> set[str]:
-    """Return the names of all that a package imports besides itself and Python's library."""
+    """Return the names of all that a package imports other than itself and Python's library."""
     names = set()
     for file in folder.rglob('*.py'):
         if file.name == 'setup.py':

@@ -258,3 +258,10 @@ def test_what_a_view_would_not_heed_is_refused(
     out, err = capsys.readouterr()
     assert (out, err.count('\n')) == ('', 1)
     assert err.startswith(f'spikelane view: {error}')
+
+
+def test_the_version_is_that_of_the_project(capsys: pytest.CaptureFixture[str]) -> None:
+    """Which is in pyproject.toml."""
+    with pytest.raises(SystemExit, match='0'):
+        run(['--version'])
+    assert capsys.readouterr().out == 'spikelane 0.1.0\n'

@@ -169,7 +169,7 @@ def test_poses_are_located_as_computed_by_hand(
 @pytest.mark.parametrize('lane', ['outer', 'inner'])
 @given(lap=st.floats(0, 1, exclude_max=True), right=st.floats(-0.5, 0.5), turn=st.floats(-3, 3))
 @settings(deadline=None)
-def test_a_pose_beside_the_lane_is_located_where_it_was_put(
+def test_a_pose_next_to_the_lane_is_located_where_it_was_put(
     course: Course, lane: str, lap: float, right: float, turn: float
 ) -> None:
     """Points of the lane's outline, shifted at a right angle, give back the shift."""
@@ -248,7 +248,7 @@ def test_outlines_run_round_at_their_offset(course: Course) -> None:
 
 # x, y, and whether a marking is there in scenarios 1, 2, 3
 PAINT = [
-    (5.0, 0.0, '1-3'),  # the outer edge beside A, before 4.16 m
+    (5.0, 0.0, '1-3'),  # the outer edge next to A, before 4.16 m
     (5.0, 0.019, '1-3'),
     (5.0, 0.021, '---'),
     (5.0, -0.019, '1-3'),
@@ -264,7 +264,7 @@ PAINT = [
     (6.65, 1.0, '1-3'),
     (6.67, 1.0, '1--'),
     (6.75, 0.5, '123'),  # a dash from 4.2 to 4.5 m
-    (10.0, 5.0, '1--'),  # beside C
+    (10.0, 5.0, '1--'),  # next to C
     (9.0, 5.0, '1--'),
     (7.5, 10.0, '1--'),  # the top of D
     (7.5 - 2.5 * ROOT_HALF, 7.5 + 2.5 * ROOT_HALF, '1--'),

@@ -38,7 +38,7 @@ def test_floats_in_yaml_read_back_exactly(tmp_path: Path) -> None:
     assert yaml.safe_load((tmp_path / 'config.yaml').read_text()) == values
 
 
-def test_nothing_is_left_beside_a_file(tmp_path: Path) -> None:
+def test_nothing_is_left_next_to_a_file(tmp_path: Path) -> None:
     """The folder holds the file alone, written in UTF-8."""
     write_text_atomically(tmp_path / 'new' / 'note.txt', 'Straße\n')
     assert [path.name for path in (tmp_path / 'new').iterdir()] == ['note.txt']

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import importlib
 import os
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from spikelane.interruption import Interrupted, signals_noted
 
@@ -100,10 +100,21 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {one_line(message)}\n')
 
 
+class _Version(argparse.Action):
+    """Prints the version; looked up only then, which takes its time."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        import importlib.metadata
+
+        print(f'spikelane {importlib.metadata.version("spikelane")}')
+        parser.exit()
+
+
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = _Parser(
         prog='spikelane', description='Lane keeping with event cameras and spiking networks.'
     )
+    parser.add_argument('--version', action=_Version, nargs=0, help='show the version and exit')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, purpose in COMMANDS.items():
         sub = commands.add_parser(name, help=purpose, description=f'{purpose.capitalize()}.')

@@ -168,7 +168,7 @@ def test_files_are_found_by_their_first_bytes(tmp_path: Path) -> None:
     assert measured(bag)['packets'] == 200
 
 
-def test_what_sqlite_keeps_beside_a_database_is_noted(tmp_path: Path) -> None:
+def test_what_sqlite_keeps_next_to_a_database_is_noted(tmp_path: Path) -> None:
     """Messages that a killed recorder left there are not read."""
     database(tmp_path / 'a_0.db3', [])
     (tmp_path / 'a_0.db3-wal').write_bytes(b'1')

@@ -131,8 +131,8 @@ def test_the_page_has_the_tables_rows(report: dict[str, Any]) -> None:
     ]
     rows = [row for row in rows if row]
     assert rows == [tuple(row) for table in report['tables'] for row in table['rows']]
-    beside = json.loads(Path(report['page']).with_name('report.json').read_text())
-    assert beside['tables'] == report['tables']
+    numbers = json.loads(Path(report['page']).with_name('report.json').read_text())
+    assert numbers['tables'] == report['tables']
     assert (
         'Braitenberg',
         '1',

@@ -94,7 +94,7 @@ def table(runs: Runs, title: str) -> Table:
     return next(each for each in all_tables(runs) if each.title == title)
 
 
-def test_results_stand_beside_the_papers() -> None:
+def test_results_stand_next_to_the_papers() -> None:
     """Mean 0.04, s = 0.01; log-scale half 4.302653 * 0.01 / sqrt(3) / 0.04 = 0.62103."""
     runs = Runs(laps=[lap(2, 0.05), lap(0, 0.03), lap(1, 0.04), lap(3, 0.9, completed=False)])
     error, steps = table(runs, "Results against the paper's").rows

@@ -58,7 +58,7 @@ def test_a_training_without_an_episode_is_drawn_too(tmp_path: Path) -> None:
 def test_the_running_mean_is_over_the_last_20_episodes(
     tmp_path: Path, drawn_figures: list[Any]
 ) -> None:
-    """Of the last 20 of 1, 2, ..., 30 it is 20.5."""
+    """Over 11 to 30 it is 20.5."""
     training = SimpleNamespace(
         steps=465,
         terminations=[

@@ -60,7 +60,7 @@ def test_a_postsynaptic_potential_is_the_one_of_the_closed_form() -> None:
 
 
 def test_a_postsynaptic_potential_peaks_where_it_should() -> None:
-    """The slope is zero where exp(0.4 t) = 1 + 2 t: at 6.65 ms; 13.0001 mV on the grid beside."""
+    """The slope is zero where exp(0.4 t) = 1 + 2 t: at 6.65 ms; 13.0001 mV at the nearest step."""
     trace = potentials(1000.0, 200)
     assert trace[20] == 0.0
     assert max(trace) == pytest.approx(13.0001, abs=5e-5)

@@ -184,7 +184,7 @@ class RecordedDrive:
         """Yield the event packets in order."""
         wanted = {mark.position for mark in self._order}
         found = (
-            self._beside(position, message, record.value)
+            self._with_nearest(position, message, record.value)
             for position, message, record in self._read(wanted)
             if isinstance(record.value, ReceivedPacket)
         )
@@ -195,9 +195,9 @@ class RecordedDrive:
         for mark in self._order:
             yield by_position[mark.position]
 
-    def answer(self, stamp_ns: int, beside: DrivePacket) -> WheelVelocities | None:
+    def answer(self, stamp_ns: int, packet: DrivePacket) -> WheelVelocities | None:
         """Return the recorded wheel velocities of this stamp, None where there are none."""
-        return _nearest(self._wheels, stamp_ns, beside.log_ns, beside.position)
+        return _nearest(self._wheels, stamp_ns, packet.log_ns, packet.position)
 
     def _read(self, wanted: set[int] | None = None) -> Iterator[_Read]:
         """Yield positions, messages and what they say; of all messages, or of those wanted."""
@@ -306,7 +306,7 @@ class RecordedDrive:
             if alone:
                 self.notes.append(f'{alone} lane states lack their event packet')
 
-    def _beside(
+    def _with_nearest(
         self, position: int, message: SourceMessage, packet: ReceivedPacket
     ) -> DrivePacket:
         lane = _nearest(self._lanes, packet.stamp_ns, message.log_ns, position)

@@ -26,7 +26,7 @@ _HEADS = {MAGIC: 'mcap', b'SQLite format 3\0': 'sqlite3'}
 _ENDINGS = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _COMPRESSED = '.zstd'
 #: SQLite keeps in a file next to a database what has not been written into it yet.
-_LEFT_BESIDE = ('-wal', '-journal')
+_UNFINISHED = ('-wal', '-journal')
 _HEAD_BYTES = 32
 _NAMED = 4  # names in a message at most
 
@@ -173,10 +173,10 @@ def _located(
     if len(storages) > 1:
         raise BagError(f'{path}: expected files of one storage, got {" and ".join(storages)}')
     for file in stored:
-        for ending in _LEFT_BESIDE:
-            beside = file.path.with_name(file.path.name + ending)
-            if beside.exists() and beside.stat().st_size:
-                notes.append(f'{beside.name} may have messages that are not in {file.path.name}')
+        for ending in _UNFINISHED:
+            other = file.path.with_name(file.path.name + ending)
+            if other.exists() and other.stat().st_size:
+                notes.append(f'{other.name} may have messages that are not in {file.path.name}')
     return BagFiles(stored, storages[0], metadata, tuple(notes))
 
 

@@ -372,11 +372,11 @@ class BagWriter:
         return {'serialized_metadata': self._metadata().to_text()}
 
     def _write_metadata(self) -> None:
-        beside = self.path / f'.{FILE_NAME}'
+        temporary = self.path / f'.{FILE_NAME}'
         try:
-            beside.write_text(self._metadata_text())
-            beside.replace(self.path / FILE_NAME)
+            temporary.write_text(self._metadata_text())
+            temporary.replace(self.path / FILE_NAME)
         except OSError:
             with contextlib.suppress(OSError):
-                beside.unlink()
+                temporary.unlink()
             raise

@@ -128,8 +128,8 @@ def _moved(checkpoint: str, folder: Path) -> str:
     """Return where a checkpoint is whose experiment's folder was moved, or what was given."""
     name = Path(checkpoint).name
     # A lap of an evaluation is in a folder of the evaluation's.
-    beside = (parent / name for parent in folder.parents[:3])
-    return next((str(path) for path in beside if (path / RUN_FILE).exists()), checkpoint)
+    neighbours = (parent / name for parent in folder.parents[:3])
+    return next((str(path) for path in neighbours if (path / RUN_FILE).exists()), checkpoint)
 
 
 def _variant(config: Mapping[str, Any]) -> dict[str, Any]:

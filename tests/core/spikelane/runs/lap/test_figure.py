@@ -54,7 +54,7 @@ def drive(course: Course, lane_name: str, distance_m: float, part: float = 1.0) 
 
 
 def texts(svg: Path) -> list[str]:
-    """Return the texts of a figure, which SVG keeps as comments beside their outlines."""
+    """Return the texts of a figure, which SVG keeps as comments next to their outlines."""
     return re.findall(r'<!-- (.*?) -->', svg.read_text())
 
 

@@ -38,7 +38,7 @@ def drive(
 
 @pytest.fixture
 def lap() -> Trajectory:
-    """Return a lap of four steps, put 9 m beside the lane to begin with."""
+    """Return a lap of four steps, which begins 9 m next to the lane."""
     return drive(
         [9.0, 0.25, -0.75, 0.25, -0.25], 'AABBA', [0, 0, 0, 0, 1], [0.0, 1.0, 2.0, 3.0, 5.0]
     )

@@ -383,7 +383,7 @@ def schema(kind: str) -> str:
 
 
 def metadata(path: Path, topics: Sequence[str], count: int) -> dict[str, Any]:
-    """Return what rosbag2 writes beside the recording."""
+    """Return what rosbag2 writes next to the recording."""
     known = {
         topic: {
             'name': topic,

@@ -82,12 +82,12 @@ def run(options: argparse.Namespace) -> int:
 def _summary(result: dict[str, Any]) -> str:
     """Return the results for people, one line each."""
     paper = result['paper_accuracy']
-    beside = '' if paper is None else f' (paper: {paper:.2%})'
+    compared = '' if paper is None else f' (paper: {paper:.2%})'
     parts = ', '.join(f'{number} {name}' for name, number in result['states_from'].items())
     shares = ', '.join(f'{share:.0%} {name}' for name, share in result['class_shares'].items())
     lines = {
         'accuracy': f'{result["accuracy"]:.2%} of {result["held_out_states"]} states held '
-        f'out{beside}',
+        f'out{compared}',
         'states': f'{result["states"]}: {parts}',
         'actions': shares,
         'checkpoint': result['checkpoint'],
