@@ -1,7 +1,11 @@
-"""What a lockstep step costs over ROS, against in-process and a bare rclpy ping-pong."""
+"""What a lockstep step costs over ROS, against in-process and a bare rclpy ping-pong.
+
+Over ROS, simulator and controller are in two processes, or composed in one.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from pathlib import Path
@@ -23,35 +27,41 @@ _PING_PONG = Path(__file__).parent / 'nodes/ping_pong.py'
 
 
 def measure_lockstep(steps: int = 2000, repeats: int = 3) -> dict[str, Any]:
-    """Measure all three in turn, again and again, with the kinematic robot.
+    """Measure all four in turn, again and again, with the kinematic robot.
 
     Args:
         steps: Steps of each repeat.
         repeats: Their medians are returned.
 
     Returns:
-        `ros_us`, `inprocess_us` (a step) and `round_trip_us` (of the ping-pong) [µs], and
-        `round_trips`: what a step over ROS costs beyond one in-process, in round trips.
+        `ros_us`, `composed_us`, `inprocess_us` (a step) and `round_trip_us` (of the ping-pong
+        between two processes) [µs], and `round_trips` and `composed_round_trips`: what a step in
+        two processes and in one costs beyond one in-process, in round trips.
 
     Raises:
         SpikelaneError: A process failed.
     """
     parameters = {'simulator.robot.engine': 'kinematic', 'simulator.episode.max_steps': steps}
     config = LapConfig.make(Request('1', 'braitenberg', 0, 'ros', parameters), 'outer')
-    ros, inprocess, round_trips = [], [], []
+    together = dataclasses.replace(config, transport='composed')
+    ros, composed, inprocess, round_trips = [], [], [], []
     for _ in range(repeats):
         round_trips.append(_ping_pong_us(steps))
         ros.append(_lockstep_us(config, steps))
+        composed.append(_lockstep_us(together, steps))
         inprocess.append(measure_closed_loop('kinematic', steps, 1)['steps_per_s'])
-    ros_us = statistics.median(ros)
+    ros_us, composed_us = statistics.median(ros), statistics.median(composed)
     inprocess_us = 1e6 / statistics.median(inprocess)
     round_trip_us = statistics.median(round_trips)
     return {
         'ros_us': round(ros_us, 1),
         'ros_steps_per_s': round(1e6 / ros_us),
+        'composed_us': round(composed_us, 1),
+        'composed_steps_per_s': round(1e6 / composed_us),
         'inprocess_us': round(inprocess_us, 1),
         'round_trip_us': round(round_trip_us, 1),
         'round_trips': round((ros_us - inprocess_us) / round_trip_us, 2),
+        'composed_round_trips': round((composed_us - inprocess_us) / round_trip_us, 2),
     }
 
 

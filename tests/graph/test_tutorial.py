@@ -82,6 +82,15 @@ def test_a_drive_is_replayed(tmp_path: Path) -> None:
     assert (len(described), len(always)) == (5, 4)
 
 
+def test_both_nodes_drive_in_one_process(tmp_path: Path) -> None:
+    """With one command; the log is where the page says."""
+    (said,) = follow(BLOCKS[4], tmp_path).values()
+    assert re.search(r'^steps +100,', said, re.M)
+    (log,) = tmp_path.glob('runs/*/logs/composed.log')
+    assert '[simulator]' in log.read_text()
+    assert '[braitenberg]' in log.read_text()
+
+
 @pytest.mark.parametrize('program', PYTHON)
 def test_the_programs_run(program: str, tmp_path: Path) -> None:
     """Without a word."""
@@ -91,4 +100,4 @@ def test_the_programs_run(program: str, tmp_path: Path) -> None:
 
 def test_there_are_commands_and_programs() -> None:
     """Otherwise the tests above would check nothing."""
-    assert (len(BLOCKS), len(PYTHON)) == (4, 2)
+    assert (len(BLOCKS), len(PYTHON)) == (5, 2)

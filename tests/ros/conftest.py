@@ -11,6 +11,7 @@ from typing import Any
 
 from domain_coordinator import domain_id
 import pytest
+from rcl_interfaces.srv import ListParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -22,6 +23,7 @@ from spikelane.processes import end_with
 
 DEADLINE_S = 60.0
 TURN_S = 0.05
+ASK_AGAIN_S = 1.0
 
 
 class NodeProcess:
@@ -127,12 +129,34 @@ class Graph:
         return future.result()
 
     def call(self, kind: type, name: str, **fields: Any) -> Any:
-        """Call a service; return the response."""
+        """Call a service once; return the response."""
         client = self.node.create_client(kind, name)
+        self._be_met(name.rpartition('/')[0])
         self.until(client.service_is_ready, f'service {name}')
         response = self.result(client.call_async(kind.Request(**fields)))
         self.node.destroy_client(client)
         return response
+
+    def _be_met(self, node: str) -> None:
+        """Wait until a node has met the clients that have been made so far.
+
+        A service drops its answer to a client that it has not met within 0.1 s, and a request may
+        not be one that can be made twice. The client of a harmless request, which is made last
+        and is therefore met last, asks again until it is answered.
+        """
+        client = self.node.create_client(ListParameters, f'{node}/list_parameters')
+        self.until(client.service_is_ready, f'node {node}')
+        answer, asked_s = client.call_async(ListParameters.Request()), time.monotonic()
+
+        def is_answered() -> bool:
+            nonlocal answer, asked_s
+            if not answer.done() and time.monotonic() - asked_s > ASK_AGAIN_S:
+                client.remove_pending_request(answer)
+                answer, asked_s = client.call_async(ListParameters.Request()), time.monotonic()
+            return answer.done()
+
+        self.until(is_answered, f'an answer of node {node}')
+        self.node.destroy_client(client)
 
     def close(self) -> None:
         """End everything."""

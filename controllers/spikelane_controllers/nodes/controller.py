@@ -35,6 +35,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
+from spikelane_sim.nodes.local_topics import LocalTopics
 from spikelane_sim.nodes.meeting import Meeting
 from spikelane_sim.nodes.pairing import StampGroups
 from spikelane_sim.nodes.ros_parameters import declare_parameters
@@ -56,8 +57,12 @@ class _Identity(NamedTuple):
 class ControllerNode(Node):
     """Hosts one controller of the registry."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, local: LocalTopics | None = None) -> None:
         """Declare the parameters and make the controller.
+
+        Args:
+            name: In the registry.
+            local: Carries messages to and from a simulator of this process; None: there is none.
 
         Raises:
             SpikelaneError: A parameter is not allowed.
@@ -81,7 +86,7 @@ class ControllerNode(Node):
             self, name, self._driver, self._settings.record_quantities, kept, self._on_match
         )
         self._wheels = KeptPublisher(
-            self, WheelVelocities, topic_names.WHEELS, kept, self._on_match
+            self, WheelVelocities, topic_names.WHEELS, kept, self._on_match, local
         )
         self._received = self._lane_states = self._steps = 0
         self._reliability = RELIABILITIES[self._settings.reliability]
@@ -94,7 +99,7 @@ class ControllerNode(Node):
         self._encoders: WheelEncoders | None = None  # of the observation at hand
         self._groups = StampGroups(self._on_group, 3 if self._has_encoders else 2)
         self._observations = DirectSubscriptions(
-            self, lambda: self._groups.lacks_others or self._meeting.needs_recorder
+            self, lambda: self._groups.lacks_others or self._meeting.needs_recorder, local
         )
         self._subscribe()
         # A camera waits for nobody.

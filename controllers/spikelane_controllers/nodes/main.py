@@ -14,6 +14,7 @@ from spikelane_sim_entry import take_signals
 
 if TYPE_CHECKING:
     from spikelane_controllers.nodes.controller import ControllerNode
+    from spikelane_sim.nodes.local_topics import LocalTopics
 
 
 def main(name: str | None = None) -> None:
@@ -30,8 +31,12 @@ def main(name: str | None = None) -> None:
     sys.exit(run_node(lambda: make_node(controller)))
 
 
-def make_node(name: str) -> ControllerNode:
+def make_node(name: str, local: LocalTopics | None = None) -> ControllerNode:
     """Make the node of a controller.
+
+    Args:
+        name: In the registry.
+        local: As of `ControllerNode`.
 
     Raises:
         SpikelaneError: No controller has this name, or a parameter is not allowed.
@@ -40,4 +45,4 @@ def make_node(name: str) -> ControllerNode:
     from spikelane_controllers.nodes.learning import LearningNode
     from spikelane_controllers.registry import card
 
-    return LearningNode(name) if card(name).training else ControllerNode(name)
+    return (LearningNode if card(name).training else ControllerNode)(name, local)

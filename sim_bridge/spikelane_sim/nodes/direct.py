@@ -9,6 +9,7 @@ lockstep path therefore have a wait set and a thread of their own (in the way of
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import threading
 import traceback
 from typing import Any
@@ -20,6 +21,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from spikelane_sim.errors import MessageError, SpikelaneError
+from spikelane_sim.nodes.local_topics import CARRIED_TOPICS, LocalSubscription, LocalTopics
 from spikelane_sim.nodes.rclpy_internals import (
     call_event_handlers,
     DirectWait,
@@ -71,18 +73,29 @@ class DirectSubscriptions:
     status; any other is a bug, logged whole, with exit status 1. A MessageError is about one
     message alone: the message is refused, which is logged once a second at most.
 
+    Where the node shares its process with its peer, the topics between them are not subscribed to
+    in the middleware (`local_topics`), and all messages are handled in the thread that both share.
+
     Attributes:
         refused: Messages that were refused.
     """
 
-    def __init__(self, node: Node, needs_all: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self,
+        node: Node,
+        needs_all: Callable[[], bool] = lambda: False,
+        local: LocalTopics | None = None,
+    ) -> None:
         """Prepare; nothing is received before `start`.
 
         Args:
             node: The node that subscribes.
             needs_all: Whether to wait for the companions, too, see `subscribe`.
+            local: Carries the topics between the nodes of this process; None: there are none.
         """
         self._node = node
+        self._local = local
+        self._local_subscriptions: list[LocalSubscription] = []
         self._needs_all = needs_all
         self._group = NotForExecutors()
         self._events = SubscriptionEvents()
@@ -106,7 +119,7 @@ class DirectSubscriptions:
         is_companion: bool = False,
         is_wanted: Callable[[], bool] | None = None,
         event_callbacks: SubscriptionEventCallbacks | None = None,
-    ) -> Subscription:
+    ) -> None:
         """Subscribe to a topic; before `start` only.
 
         Args:
@@ -120,6 +133,9 @@ class DirectSubscriptions:
             event_callbacks: As of rclpy; served by the executor.
             is_wanted: Whether its messages are of use now; they wait otherwise. None: always.
         """
+        if self._local is not None and topic in CARRIED_TOPICS:
+            self._subscribe_locally(self._local, kind, topic, handle, qos)
+            return
         subscription = self._node.create_subscription(
             kind,
             topic,
@@ -134,7 +150,21 @@ class DirectSubscriptions:
             self._companions.add(subscription)
         if is_wanted is not None:
             self._is_wanted[subscription] = is_wanted
-        return subscription
+
+    def _subscribe_locally(
+        self,
+        local: LocalTopics,
+        kind: type,
+        topic: str,
+        handle: Callable[[Any], None],
+        qos: QoSProfile,
+    ) -> None:
+        name = self._node.resolve_topic_name(topic)
+        guarded = partial(self._handle_alone, handle, name)
+        node_name = self._node.get_fully_qualified_name()
+        subscription = LocalSubscription(node_name, kind, guarded, qos.depth)
+        self._local_subscriptions.append(subscription)
+        local.subscribe(name, subscription)
 
     def renew(self, topic: str, qos: QoSProfile) -> None:
         """Subscribe to a topic again, with another quality of service; from any thread."""
@@ -147,6 +177,9 @@ class DirectSubscriptions:
     def start(self) -> None:
         """Begin to handle messages."""
         self._thread.start()
+        if self._local is not None:
+            for subscription in self._local_subscriptions:
+                self._local.start(subscription)
 
     def wake(self) -> None:
         """Ask again whether to wait for the companions, too; from any thread."""
@@ -158,6 +191,8 @@ class DirectSubscriptions:
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._wait.wake()
             self._thread.join()
+        if self._local is not None:
+            self._local.stop()
 
     def _run(self) -> None:
         # A signal wakes the executor alone, whose thread then calls `stop`. A guard condition for
@@ -177,14 +212,19 @@ class DirectSubscriptions:
                     self._handle()
                     self._renew()
         except Exception as error:
-            if not context.ok():
-                return  # a signal came in the middle of a message: nothing can be published
-            reason, status = traceback.format_exc(), 1
-            if isinstance(error, SpikelaneError):
-                reason, status = str(error), error.exit_status
-            self._node.get_logger().fatal(reason)
-            self._node.exit_status = status
-            context.try_shutdown()
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """End the node, in an exception's handler."""
+        context = self._node.context
+        if not context.ok():
+            return  # a signal came in the middle of a message: nothing can be published
+        reason, status = traceback.format_exc(), 1
+        if isinstance(error, SpikelaneError):
+            reason, status = str(error), error.exit_status
+        self._node.get_logger().fatal(reason)
+        self._node.exit_status = status
+        context.try_shutdown()
 
     def _renew(self) -> None:
         """Replace subscriptions, in the thread that waits for them once it runs."""
@@ -205,10 +245,24 @@ class DirectSubscriptions:
             if is_wanted is not None and not is_wanted():
                 continue
             while (message := take(subscription)) is not None:
-                try:
-                    handle(message)
-                except MessageError as error:
-                    self.refused += 1
-                    self._node.get_logger().error(
-                        f'{subscription.topic_name}: {error}; refused', throttle_duration_sec=1.0
-                    )
+                name = subscription.topic_name
+                if self._local is None:
+                    self._handle_message(handle, name, message)
+                else:  # in one thread with the messages of the other node
+                    self._local.call(partial(self._handle_alone, handle, name, message))
+
+    def _handle_message(self, handle: Callable[[Any], None], topic: str, message: Any) -> None:
+        try:
+            handle(message)
+        except MessageError as error:
+            self.refused += 1
+            self._node.get_logger().error(f'{topic}: {error}; refused', throttle_duration_sec=1.0)
+
+    def _handle_alone(self, handle: Callable[[Any], None], topic: str, message: Any) -> None:
+        """Handle a message in the thread that the nodes of this process share."""
+        if self._stopping or not self._node.context.ok():
+            return
+        try:
+            self._handle_message(handle, topic, message)
+        except Exception as error:
+            self._fail(error)

@@ -17,6 +17,8 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from spikelane_sim.nodes.local_topics import LocalSubscription, LocalTopics, serialised
+
 
 class KeptPublisher:
     """A publisher that can tell whether a subscriber has missed its last message.
@@ -36,6 +38,7 @@ class KeptPublisher:
         topic: str,
         qos: QoSProfile,
         on_match: Callable[[], None] = lambda: None,
+        local: LocalTopics | None = None,
     ) -> None:
         """Create the publisher.
 
@@ -45,6 +48,7 @@ class KeptPublisher:
             topic: Name of the topic.
             qos: Quality of service.
             on_match: Called by the node's executor when a subscriber was met or lost.
+            local: Carries the messages to nodes of this process, too; None: there are none.
         """
         self.sent = 0
         self._reached = 0
@@ -66,11 +70,14 @@ class KeptPublisher:
         )
         self._tell = on_match
         self.topic = str(self._publisher.topic_name)
+        self._local = local
+        if local is not None:
+            local.advertise(self.topic, on_match)
 
     @property
     def subscribers(self) -> int:
         """Subscribers that messages reach now."""
-        return int(self._publisher.get_subscription_count())
+        return self._remote_subscribers + len(self._local_subscribers)
 
     @property
     def is_latched(self) -> bool:
@@ -84,11 +91,20 @@ class KeptPublisher:
 
     def listeners(self) -> list[str]:
         """Return the full names of the nodes that messages reach now, or are about to reach."""
-        return [
+        remote = [
             full_name(info)
             for info in self._node.get_subscriptions_info_by_topic(self.topic)
             if info.topic_type == self._type and self._reaches(info.qos_profile)
         ]
+        return [*remote, *(each.node_name for each in self._local_subscribers)]
+
+    @property
+    def _remote_subscribers(self) -> int:
+        return int(self._publisher.get_subscription_count())
+
+    @property
+    def _local_subscribers(self) -> list[LocalSubscription]:
+        return [] if self._local is None else self._local.subscribers(self.topic)
 
     def _reaches(self, wanted: QoSProfile) -> bool:
         compatibility, _ = qos_check_compatible(self._offered, wanted)
@@ -105,7 +121,16 @@ class KeptPublisher:
         self._reached = self.subscribers
         if self._reached:
             self.sent += 1
-            self._publisher.publish(make())
+            self._deliver(make())
+
+    def _deliver(self, message: Any) -> None:
+        if self._local is None:
+            self._publisher.publish(message)
+            return
+        data = serialised(message)
+        self._local.send(self.topic, data)
+        if self._remote_subscribers:
+            self._publisher.publish(data)
 
     def send_again(self, make: Callable[[], Any]) -> None:
         """Send the last message again, to all subscribers, if one of them has missed it."""

@@ -33,6 +33,7 @@ _DELIVERY_S = 8.0  # Fast DDS has 3 s between heartbeats, and a busy machine may
 _DELIVERY_PERIOD_S = 0.01
 _GRACE_S = 2.0  # for a node that is being made when a signal comes
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_OF_OTHERS = signal.SIGTERM  # what nodes are ended with when another one of the process ends
 
 
 class RunnableNode(Protocol):
@@ -57,6 +58,19 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
         What the node has as `exit_status`; 2 where it could not be made; 128 + n where signal n
         came before it was.
     """
+    return run_nodes((make_node,), arguments)
+
+
+def run_nodes(makers: Sequence[Callable[[], Node]], arguments: Sequence[str] | None = None) -> int:
+    """Run nodes in one process as `run_node` does one; when one ends, the others are ended.
+
+    Args:
+        makers: Make the nodes, in this order.
+        arguments: Command-line arguments; None for those of the process.
+
+    Returns:
+        As `run_node`; of several nodes, the first status that is not 0.
+    """
     try:
         os.environ |= network_variables(os.environ)
         with _signals_held_back():
@@ -69,17 +83,20 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
         return _refuse(str(error))
     except RuntimeError as error:  # of several kinds: arguments or a parameter file it cannot read
         return _refuse(' '.join(str(error).split()))
-    node = None
+    nodes: list[Node] = []
     with ending:
         try:
-            node = ending.node = make_node()
-            warn_of_unused_parameters(node, sys.argv if arguments is None else arguments)
-            executor.add_node(node)
+            for make_node in makers:
+                nodes.append(make_node())
+            ending.nodes = tuple(nodes)
+            for node in nodes:
+                warn_of_unused_parameters(node, sys.argv if arguments is None else arguments)
+                executor.add_node(node)
             while rclpy.ok():
                 # rclpy wakes the executor before it shuts down: one that is quick to look finds
                 # nothing changed, and would wait for ever.
                 executor.spin_once(timeout_sec=_LOOK_EVERY_S)
-                if getattr(node, 'is_done', False):
+                if any(map(_is_done, nodes)):
                     ending.end()
         except SpikelaneError as error:
             # One that comes after a signal says only that the middleware was shut down.
@@ -95,25 +112,30 @@ def run_node(make_node: Callable[[], Node], arguments: Sequence[str] | None = No
             # A second Ctrl-C must not cut the clean-up short.
             for number in _SIGNALS:
                 signal.signal(number, signal.SIG_IGN)
-            if node is not None:
+            for node in nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
-    if node is None:
+    if len(nodes) < len(makers):
         return 128 + ending.number
-    return int(getattr(node, 'exit_status', 0))
+    return next(filter(None, map(ending.status, nodes)), 0)
+
+
+def _is_done(node: Node) -> bool:
+    return bool(getattr(node, 'is_done', False))
 
 
 class _Ending:
     """Waits in a thread for a signal, then shuts the middleware down; a second one hurries it.
 
     Attributes:
-        node: Whose messages are to arrive before; None where there is none yet.
+        nodes: Whose messages are to arrive before; none where they are still being made.
         number: Number of the signal that came; 0 where none has.
     """
 
     def __init__(self) -> None:
         """Take over SIGINT and SIGTERM, in the main thread."""
-        self.node: Node | None = None
+        self.nodes: tuple[Node, ...] = ()
+        self._ended: tuple[Node, ...] = ()  # as another one had nothing more to do
         self.number = 0
         # Python's own handlers run in the main thread alone, which may be amid a long wait; the
         # signals' numbers are written here at once.
@@ -153,14 +175,22 @@ class _Ending:
         if not number:
             return
         self.number = number[0]
-        if self.node is not None and self.number:
+        nodes = self.nodes
+        if not self.number:
+            self._ended = tuple(node for node in nodes if not _is_done(node))
+        for node in nodes if self.number else self._ended:
             with contextlib.suppress(RuntimeError):  # it ends by itself meanwhile
-                getattr(self.node, 'halt', lambda number: None)(self.number)
-        if self.node is not None:
-            self._deliver(self.node)
+                getattr(node, 'halt', lambda number: None)(self.number or _OF_OTHERS)
+        for node in nodes:
+            self._deliver(node)
         rclpy.try_shutdown()
-        if self.node is None:
+        if not nodes:
             self._end_start()
+
+    def status(self, node: Node) -> int:
+        """Return the exit status of a node; one that was ended for another one may say so."""
+        status = int(getattr(node, 'exit_status', 0))
+        return 0 if node in self._ended and status == 128 + _OF_OTHERS else status
 
     def _end_start(self) -> None:
         """End the process where the node is still being made after a moment.
@@ -172,7 +202,7 @@ class _Ending:
         with contextlib.suppress(TimeoutError):
             if not self._told.recv(1):
                 return  # the start was over by itself
-        if self.node is None:
+        if not self.nodes:
             os._exit(128 + self.number)
 
     def _deliver(self, node: Node) -> None:

@@ -14,6 +14,7 @@ from spikelane_sim.contract import Observation, STEP_S
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
+from spikelane_sim.nodes.local_topics import LocalTopics
 from spikelane_sim.nodes.meeting import Meeting, MeetingParameters
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
@@ -74,8 +75,11 @@ class SimulatorNodeParameters(MeetingParameters):
 class SimulatorNode(Node):
     """Publishes observations and takes wheel velocities; all else is in what it is made of."""
 
-    def __init__(self) -> None:
+    def __init__(self, local: LocalTopics | None = None) -> None:
         """Declare the parameters, build the simulator, and begin an episode if so asked.
+
+        Args:
+            local: Carries messages to and from a controller of this process; None: there is none.
 
         Raises:
             SpikelaneError: A parameter is not allowed, or the course cannot be driven.
@@ -92,6 +96,7 @@ class SimulatorNode(Node):
             settings.event_encoding,
             settings.history_depth,
             self._on_match,
+            local,
         )
         self._stepper = Stepper(
             self._simulator,
@@ -104,7 +109,7 @@ class SimulatorNode(Node):
             lane=settings.lane or None,
             hold_ns=round(settings.command_timeout_s * 1e9) if is_realtime else None,
         )
-        self._direct = DirectSubscriptions(self, lambda: self._meeting.needs_recorder)
+        self._direct = DirectSubscriptions(self, lambda: self._meeting.needs_recorder, local)
         robot = self._simulator.parameters.robot
         self._commands = Commands(self, self._direct, robot, self._stepper, self._notice)
         self._meeting = Meeting(

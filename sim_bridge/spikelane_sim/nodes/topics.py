@@ -22,6 +22,7 @@ from spikelane_sim.contract import LaneState, Observation, RobotState
 from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
+from spikelane_sim.nodes.local_topics import CARRIED_TOPICS, LocalTopics
 from spikelane_sim.nodes.meeting import LATCHED
 from spikelane_sim.robots.sizing import sized_urdf
 from spikelane_sim.simulator import Simulator
@@ -46,6 +47,7 @@ class SimulatorTopics:
         encoding: str,
         depth: int,
         on_match: Callable[[], None],
+        local: LocalTopics | None = None,
     ) -> None:
         """Create the publishers.
 
@@ -55,6 +57,7 @@ class SimulatorTopics:
             encoding: Encoding of the event packets.
             depth: Messages kept for a subscriber that is late.
             on_match: Called when a subscriber to a topic of an observation is met or lost.
+            local: Carries observations to nodes of this process; None: there are none.
         """
         self._simulator = simulator
         self._encoding = encoding
@@ -75,8 +78,10 @@ class SimulatorTopics:
             (EventPacket, topic_names.EVENTS, self._fill_packet),
         )
         qos = QoSProfile(depth=depth)
+        carried = dict.fromkeys(CARRIED_TOPICS, local)
         self._topics = tuple(
-            (KeptPublisher(node, kind, topic, qos, on_match), fill) for kind, topic, fill in topics
+            (KeptPublisher(node, kind, topic, qos, on_match, carried.get(topic)), fill)
+            for kind, topic, fill in topics
         )
         self.steps = tuple(publisher for publisher, _ in self._topics)
         tf_static.publish(TFMessage(transforms=[conversions.camera_transform(simulator.camera)]))

@@ -35,7 +35,7 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
 
     Args:
         name: Name of the controller, in the registry.
-        transport: 'inprocess', or 'ros' for both.
+        transport: 'inprocess', or 'ros' or 'composed' for that, too.
         parameters: Its parameters as `name.parameter`, and those of its training as
             `training.save_every`; what is absent is default.
 
@@ -59,9 +59,9 @@ def check(name: str, transport: str, parameters: Mapping[str, Any]) -> list[str]
     found = check_controller(name, controller_class(name), groups.get(name, {}))
     violations = Violations(name)
     with tempfile.TemporaryDirectory(prefix='spikelane-check-') as folder:
-        if transport == 'ros':
+        if transport != 'inprocess':
             with violations.guard('lap over ROS'):
-                _check_lap(violations, name, driving, Path(folder))
+                _check_lap(violations, name, transport, driving, Path(folder))
         if learns:
             with violations.guard('training'):
                 _check_training(violations, name, transport, parameters, Path(folder))
@@ -73,12 +73,16 @@ def _quiet(step: int, progress: float) -> None:
 
 
 def _check_lap(
-    violations: Violations, name: str, parameters: Mapping[str, Any], folder: Path
+    violations: Violations,
+    name: str,
+    transport: str,
+    parameters: Mapping[str, Any],
+    folder: Path,
 ) -> None:
     """Check that a short drive over ROS is the same as in one process."""
     asked = Request('1', name, _SEED, 'inprocess', {**parameters, **_SHORT})
     driven = drive(LapConfig.make(asked), RunFolder(folder), _quiet)
-    config = LapConfig.make(asked._replace(transport='ros'))
+    config = LapConfig.make(asked._replace(transport=transport))
     over = drive(config, RunFolder.begin(config, folder / 'lap'), _quiet)
     write_csv(driven.trajectory, folder / 'inprocess.csv')
     write_csv(over.trajectory, folder / 'ros.csv')
@@ -111,8 +115,8 @@ def _check_training(
         if train('parts', 2 * STEPS) != whole:
             expected = 'the checkpoint of a training that was not interrupted'
             violations.add('resumed training', expected, 'another checkpoint')
-    if transport == 'ros':
+    if transport != 'inprocess':
         with violations.guard('training over ROS'):
-            if train('ros', 2 * STEPS, 'ros') != whole:
+            if train('ros', 2 * STEPS, transport) != whole:
                 expected = 'the checkpoint of the same training in one process'
                 violations.add('training over ROS', expected, 'another checkpoint')

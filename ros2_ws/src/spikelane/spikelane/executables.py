@@ -14,6 +14,8 @@ ROS_ADVICE = 'source install/setup.bash, or use ./spikelane in a checkout, which
 
 #: Python's arguments that run a controller's node; its name follows.
 MODULE_ARGUMENTS = ('-m', 'spikelane_controllers.nodes')
+#: Python's arguments that run a simulator and a controller in one process; its name follows.
+COMPOSED_ARGUMENTS = ('-m', 'spikelane_controllers.nodes.composed')
 _OWN = 'spikelane_controllers'
 
 
@@ -63,6 +65,17 @@ def node_command(name: str) -> list[str]:
         find_executable('simulator')  # there is ROS
         return [sys.executable, *MODULE_ARGUMENTS, name]
     return [str(find_executable(name))]
+
+
+def composed_command(controller: str) -> list[str]:
+    """Return the command that runs the simulator and a controller as nodes of one process.
+
+    Raises:
+        SpikelaneError: As `node_command`, of both nodes.
+    """
+    for node in ('simulator', controller):
+        node_command(node)
+    return [sys.executable, *COMPOSED_ARGUMENTS, controller]
 
 
 def is_installed_by_pip(name: str) -> bool:

@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--transport',
         default='inprocess',
         choices=TRANSPORTS,
-        help='ros: also drive and train over ROS, with its node (default: inprocess)',
+        help='ros: also drive and train over ROS, with its node; composed: with its node in the '
+        'process of the simulator (default: inprocess)',
     )
     add_parameter_arguments(parser, example=f'{usual_controller()}.steering.v_max=2.0')
     parser.add_argument('--json', action='store_true', help='print one JSON object')

@@ -129,8 +129,8 @@ def run(options: argparse.Namespace) -> int:
         raise ParameterError('--checkpoint, --lane: expected no --train together with them')
     if options.domain is not None or options.namespace:
         raise ParameterError('--domain, --namespace: expected no --controller together with them')
-    if options.transport != 'ros':
-        raise ParameterError(f'--transport: expected ros, got {options.transport}')
+    if options.transport == 'inprocess':
+        raise ParameterError('--transport: expected ros or composed, got inprocess')
     for node in ('viewer', 'simulator', options.controller):
         node_command(node)
     if options.train:

@@ -6,7 +6,7 @@
       - controllers: [rstdp]
         scenarios: [1, 2]              # or course files; without it 1
         seeds: 10                      # so many from 0, or a list; without it [0]
-        transport: inprocess           # or ros
+        transport: inprocess           # or ros, or composed
         robots: [kinematic]            # robots, engines, or names with values of simulator.robot
         pixels: {noisy: {model: esim, esim.shot_rate_hz: 5}}        # ... of simulator.pixels
         cameras: {paper: {}, smooth: {antialias: true}}             # ... of simulator.camera

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import contextlib
 import os
 import time
@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from spikelane_msgs.srv import Reset
 
-from spikelane.executables import node_command
+from spikelane.executables import composed_command, node_command
 from spikelane.interruption import check
 from spikelane.nodes.domain import own_domain
 from spikelane.processes import ProcessError, Processes
@@ -31,12 +31,16 @@ STALL_DEADLINE_S = 60.0
 RECORDER_DEADLINE_S = 600.0
 _END_DEADLINE_S = 20.0
 
+#: The transport, and the name of the process that has both nodes.
+COMPOSED = 'composed'
+
 
 @contextlib.contextmanager
 def running_nodes(
     parameters: Mapping[str, Mapping[str, Any]],
     folder: RunFolder,
     viewer: Mapping[str, Any] | None = None,
+    composed: str = '',
 ) -> Iterator[tuple[Processes, Supervisor]]:
     """Run nodes in a domain of their own; leaving the block ends them.
 
@@ -44,6 +48,7 @@ def running_nodes(
         parameters: By node, in the order in which they are started; kept in the folder.
         folder: Folder of the run; logs go there too.
         viewer: Parameters of a viewer that is to watch; None: there is none.
+        composed: The controller that is in one process with the simulator; '': none.
 
     Raises:
         SpikelaneError: A node is not installed or cannot be started.
@@ -54,12 +59,33 @@ def running_nodes(
     file = folder.path / 'parameters.yaml'
     write_yaml(file, {name: {'ros__parameters': values} for name, values in parameters.items()})
     with own_domain() as domain, Processes(kept_open=(domain.reservation,)) as processes:
-        for node in parameters:
-            command = [*node_command(node), '--ros-args', '--params-file', str(file)]
-            log = folder.path / 'logs' / f'{node}.log'
-            processes.start(node, command, log, os.environ | domain.environment)
+        for process, command in _commands(parameters, composed).items():
+            command = [*command, '--ros-args', '--params-file', str(file)]
+            log = folder.path / 'logs' / f'{process}.log'
+            processes.start(process, command, log, os.environ | domain.environment)
         with Supervisor(domain.number, processes) as supervisor:
             yield processes, supervisor
+
+
+def driving_processes(controller: str, transport: str) -> tuple[str, ...]:
+    """Return the names of the processes that drive, the one with the controller last.
+
+    Args:
+        controller: Name of the controller.
+        transport: 'ros' or 'composed'.
+    """
+    return (COMPOSED,) if transport == COMPOSED else ('simulator', controller)
+
+
+def _commands(nodes: Iterable[str], composed: str) -> dict[str, list[str]]:
+    """Return the command of each process, in the order of the nodes."""
+    commands = {}
+    for node in nodes:
+        if composed and node in ('simulator', composed):
+            commands[COMPOSED] = composed_command(composed)
+        else:
+            commands[node] = node_command(node)
+    return commands
 
 
 class Supervisor:

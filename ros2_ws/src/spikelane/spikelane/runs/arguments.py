@@ -96,7 +96,8 @@ def _add_transport_argument(parser: argparse.ArgumentParser, default: str) -> No
         '--transport',
         default=default,
         choices=TRANSPORTS,
-        help='run as the processes of a ROS graph, which records laps, or within this process '
+        help='run as a ROS graph, which records laps, with simulator and controller in a process '
+        'each (ros) or in one (composed), or within this process without ROS (inprocess) '
         f'(default: {default})',
     )
 

@@ -19,7 +19,7 @@ from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import grouped, Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
-TRANSPORTS = ('ros', 'inprocess')
+TRANSPORTS = ('ros', 'composed', 'inprocess')
 
 
 class Request(NamedTuple):

@@ -118,7 +118,7 @@ def train(
         SpikelaneError: As in `make_training`, or a file cannot be written.
         Interrupted: A signal has come; the training can be resumed from its last checkpoint.
     """
-    if config.transport == 'ros':
+    if config.transport != 'inprocess':
         trained: Training = over_ros('train.nodes.training', 'train_over_ros')(
             config, folder, show, resume=resume, viewer=viewer
         )

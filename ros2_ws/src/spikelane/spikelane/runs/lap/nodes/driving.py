@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from spikelane_msgs.srv import Reset
 
-from spikelane.nodes.graph import running_nodes, Supervisor
+from spikelane.nodes.graph import COMPOSED, driving_processes, running_nodes, Supervisor
 from spikelane.processes import ProcessError
 from spikelane.recording.bag import write_recording
 from spikelane.runs.folder import RunFolder
@@ -67,6 +67,8 @@ def drive_lap_over_ros(
 ) -> DrivenLap:
     """Drive and record a lap with simulator, controller and recorder as processes.
 
+    With the transport 'composed' simulator and controller are nodes of one process.
+
     The arguments are those of `spikelane.runs.lap.run.drive`.
 
     Raises:
@@ -105,13 +107,14 @@ def _drive(
     record: Sequence[str] = (),
 ) -> float:
     parameters = node_parameters(config, folder, is_recorded=is_recorded, record=record)
-    with running_nodes(parameters, folder, viewer) as (processes, supervisor):
+    composed = config.controller if config.transport == COMPOSED else ''
+    with running_nodes(parameters, folder, viewer, composed) as (processes, supervisor):
         wall_time_s = _drive_episode(config, config.seed, supervisor, show)
         if not is_recorded:
             wall_time_s = _drive_episode(config, _NEXT_EPISODE, supervisor, show)
         processes.check()  # what has ended before it was told to may have cut something short
         # The recorder goes last: what the others sent is on its way to it.
-        processes.stop('simulator', config.controller)
+        processes.stop(*driving_processes(config.controller, config.transport))
         processes.stop(*processes.statuses())
         processes.check_endings()
     return wall_time_s

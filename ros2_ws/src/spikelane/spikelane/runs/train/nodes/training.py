@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spikelane.nodes.graph import running_nodes, START_DEADLINE_S
+from spikelane.nodes.graph import (
+    COMPOSED,
+    driving_processes,
+    running_nodes,
+    START_DEADLINE_S,
+)
 from spikelane.processes import ProcessError
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.output import OnProgress
@@ -40,7 +45,10 @@ def train_over_ros(
     begun = make_training(config, folder, resume=resume)
     if begun.is_done:
         return begun
-    with running_nodes(node_parameters(config, folder), folder, viewer) as (processes, supervisor):
+    parameters = node_parameters(config, folder)
+    composed = config.controller if config.transport == COMPOSED else ''
+    learner = driving_processes(config.controller, config.transport)[-1]
+    with running_nodes(parameters, folder, viewer, composed) as (processes, supervisor):
 
         def show_progress() -> None:
             values = supervisor.values
@@ -50,14 +58,14 @@ def train_over_ros(
             )
 
         supervisor.watch(
-            lambda quiet_s: processes.statuses()[config.controller] is not None,
+            lambda quiet_s: processes.statuses()[learner] is not None,
             show_progress,
-            may_end=(config.controller,),
+            may_end=(learner,),
             start_s=START_DEADLINE_S,
         )
-        if processes.statuses()[config.controller]:
-            supervisor.check_simulator(may_end=(config.controller,))
-        processes.wait(config.controller, _END_S)
+        if processes.statuses()[learner] and not composed:
+            supervisor.check_simulator(may_end=(learner,))
+        processes.wait(learner, _END_S)
     done = make_training(config, folder, resume=True)
     if not done.is_done:
         raise ProcessError(
