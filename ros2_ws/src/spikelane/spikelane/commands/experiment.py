@@ -13,7 +13,7 @@ from typing import Any
 
 from spikelane.experiment.engine import Engine
 from spikelane.experiment.file import read_experiment
-from spikelane.experiment.local import LocalEngine
+from spikelane.experiment.local import LocalEngine, MOST_IN_FLEET
 from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, RunStatus
@@ -27,6 +27,7 @@ from spikelane.runs.output import add_output_arguments
 from spikelane_sim.errors import ParameterError
 
 RETRIES = 2
+FLEET, LOCAL, RAY = 'fleet', 'local', 'ray'
 
 _STATES = {RunStatus.FOUND: 'finished', RunStatus.WAITING: 'to do'}
 
@@ -37,13 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', type=Path, metavar='FILE', help='YAML file, such as experiments/rstdp.yaml'
     )
     parser.add_argument(
-        '--jobs', type=int, help='number of parallel runs (default: the number of processors)'
+        '--jobs',
+        type=int,
+        help='number of processes at a time (default: the number of processors)',
     )
     parser.add_argument(
         '--engine',
-        choices=('local', 'ray'),
-        default='local',
-        help='run in processes on this machine, or on a Ray cluster (default: local)',
+        choices=(FLEET, LOCAL, RAY),
+        default=FLEET,
+        help=f'{FLEET}: processes on this machine that do runs of one setting together in one '
+        f'kernel where it has all that they need; {LOCAL}: a process for every run; {RAY}: a Ray '
+        f'cluster; the results are the same bit for bit (default: {FLEET})',
     )
     parser.add_argument(
         '--address',
@@ -87,7 +92,7 @@ def run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> None:
     check_jobs(options.jobs)
     check_number('--retries', options.retries, 0, 1000)
-    if options.address is not None and options.engine != 'ray':
+    if options.address is not None and options.engine != RAY:
         raise ParameterError('--address: expected together with --engine ray')
 
 
@@ -152,14 +157,19 @@ def is_finished(results: Mapping[str, Any]) -> bool:
     return all(RunStatus(each['state']).is_finished for each in results['runs'])
 
 
-def local_engine(jobs: int | None) -> LocalEngine:
-    """Return what does runs on this machine: so many at a time, or as there are processors."""
-    return LocalEngine(jobs or os.cpu_count() or 1)
+def local_engine(jobs: int | None, most_together: int = MOST_IN_FLEET) -> LocalEngine:
+    """Return what does runs on this machine.
+
+    Args:
+        jobs: Processes at a time; None for as many as there are processors.
+        most_together: As in `LocalEngine`.
+    """
+    return LocalEngine(jobs or os.cpu_count() or 1, most_together)
 
 
 def _engine(options: argparse.Namespace) -> Engine:
-    if options.engine == 'local':
-        return local_engine(options.jobs)
+    if options.engine != RAY:
+        return local_engine(options.jobs, MOST_IN_FLEET if options.engine == FLEET else 1)
     from spikelane.experiment.ray import RayEngine
 
     return RayEngine(options.address, options.jobs)

@@ -38,10 +38,21 @@ class Engine(Protocol):
 
     @property
     def slots(self) -> int:
-        """How many at a time."""
+        """How many processes there are at a time."""
 
-    def start(self, name: str, folder: Path) -> None:
-        """Begin to do the run in a folder.
+    @property
+    def busy(self) -> int:
+        """How many processes are at work."""
+
+    @property
+    def most_together(self) -> int:
+        """How many runs of one setting a process does together."""
+
+    def start(self, runs: Mapping[str, Path]) -> None:
+        """Begin to do runs in one process.
+
+        Args:
+            runs: Folders by the runs' names; at most `most_together`.
 
         Raises:
             SpikelaneError: It cannot be begun.
@@ -54,9 +65,9 @@ class Engine(Protocol):
         """End all that runs, gently first; what they have saved stays."""
 
 
-def worker_command(folder: Path) -> list[str]:
-    """Return the command that does the run in a folder."""
-    return [sys.executable, '-m', 'spikelane.experiment.worker', str(folder)]
+def worker_command(*folders: Path) -> list[str]:
+    """Return the command that does the runs in folders."""
+    return [sys.executable, '-m', 'spikelane.experiment.worker', *map(str, folders)]
 
 
 def worker_environment(own: Mapping[str, str]) -> dict[str, str]:

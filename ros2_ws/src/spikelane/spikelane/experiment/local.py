@@ -1,8 +1,8 @@
-"""Runs as processes of this machine."""
+"""Runs as processes of this machine, each of one run or of a fleet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import os
 from pathlib import Path
 
@@ -14,32 +14,63 @@ from spikelane.experiment.engine import (
 )
 from spikelane.experiment.worker import LOG
 from spikelane.processes import Processes
+from spikelane.runs.folder import RunFolder
+
+#: Runs that a fleet has: with more, much would be lost where its process is killed.
+MOST_IN_FLEET = 64
 
 
 class LocalEngine:
-    """Starts a process for every run; an `Engine`."""
+    """Starts processes that do a run each, or several together; an `Engine`.
 
-    def __init__(self, jobs: int) -> None:
+    Every process has one thread: what a run does outside the kernel, as its checkpoints and
+    figures, could not be shared among threads.
+    """
+
+    def __init__(self, jobs: int, most_together: int = 1) -> None:
+        """Begin without processes.
+
+        Args:
+            jobs: How many processes there are at a time.
+            most_together: How many runs a process does.
+        """
         self._jobs = jobs
+        self._most_together = most_together
         self._processes = Processes()
-        self._running: dict[str, Path] = {}
+        self._running: dict[str, Mapping[str, Path]] = {}  # by the first of a process's runs
 
     @property
     def slots(self) -> int:
         """How many processes there are at a time."""
         return self._jobs
 
-    def start(self, name: str, folder: Path) -> None:
+    @property
+    def busy(self) -> int:
+        """How many processes are at work."""
+        return len(self._running)
+
+    @property
+    def most_together(self) -> int:
+        """How many runs of one setting a process does together."""
+        return self._most_together
+
+    def start(self, runs: Mapping[str, Path]) -> None:
         """Start a process; see `Engine`."""
         environment = worker_environment(os.environ)
-        self._processes.start(name, worker_command(folder), folder / LOG, environment)
-        self._running[name] = folder
+        name, folder = next(iter(runs.items()))
+        command = worker_command(*runs.values())
+        self._processes.start(name, command, folder / LOG, environment)
+        self._running[name] = dict(runs)
 
     def ended(self) -> Iterator[Ended]:
         """Yield what has ended; see `Engine`."""
         for name, status in self._processes.statuses().items():
             if name in self._running and status is not None:
-                yield ended_run(name, status, self._running.pop(name))
+                runs = self._running.pop(name)
+                for run, folder in runs.items():
+                    # Of several some can be done where another one failed.
+                    is_done = len(runs) > 1 and RunFolder(folder).metrics.exists()
+                    yield ended_run(run, 0 if is_done else status, folder)
 
     def stop(self) -> None:
         """End all processes; see `Engine`."""

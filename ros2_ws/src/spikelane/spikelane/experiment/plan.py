@@ -42,6 +42,8 @@ class PlannedRun:
         labels: Names on the axes, `{'cameras': 'smooth'}`.
         before: Name of the run whose checkpoint it takes, None for none.
         identity: What it is compared by, as a JSON-compatible dict.
+        setting: What it has in common with runs that can be done in one fleet with it; '' where
+            it is done alone.
     """
 
     name: str
@@ -51,6 +53,7 @@ class PlannedRun:
     labels: Mapping[str, str]
     before: str | None
     identity: Mapping[str, Any]
+    setting: str = ''
 
     @property
     def key(self) -> str:
@@ -184,16 +187,26 @@ class _Planner:
         except SpikelaneError as error:
             raise ExperimentError(f'{block.place}: {task} {point.controller}: {error}') from None
         configuration = plain(config.to_dict())
-        identity = {
+        identity: dict[str, Any] = {
             'task': task,
             'configuration': configuration,
             'before': None if before is None else before.identity,
         }
         if inputs := input_digests(configuration):
             identity['inputs'] = inputs
+        if recorded := getattr(options, 'record', ()):
+            identity['record'] = list(recorded)
         name = self._free_name(_name(task, point, labels))
+        setting = '' if recorded else TASKS[task].setting(config)  # no kernel records
         run = PlannedRun(
-            name, task, point, options, labels, before.name if before else None, identity
+            name,
+            task,
+            point,
+            options,
+            labels,
+            before.name if before else None,
+            identity,
+            f'{task} {setting}' if setting else '',
         )
         known = self._by_key.setdefault(run.key, run)
         if known is run:

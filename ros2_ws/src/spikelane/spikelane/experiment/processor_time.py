@@ -38,18 +38,20 @@ def processor_s() -> float:
     return sum(os.times()[:4])
 
 
-def add_processor_time(folder: RunFolder, since_s: float) -> None:
+def add_processor_time(folder: RunFolder, since_s: float, runs: int = 1) -> None:
     """Add what this process took to the processor time of the run in a folder.
 
     Args:
         folder: The run's; several processes can have worked on it, one after the other.
         since_s: `processor_s` when the work began [s].
+        runs: Number of runs that this process did together; each is given an equal part.
 
     Raises:
         FileError: The file cannot be written.
     """
     before_s = read_processor_time(folder) or 0.0
-    folder.write_json(TIME_FILE, _Time(processor_s=round(before_s + processor_s() - since_s, 3)))
+    taken_s = (processor_s() - since_s) / runs
+    folder.write_json(TIME_FILE, _Time(processor_s=round(before_s + taken_s, 3)))
 
 
 def read_processor_time(folder: RunFolder) -> float | None:

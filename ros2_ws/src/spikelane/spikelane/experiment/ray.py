@@ -6,7 +6,7 @@ one that all machines see under the same path, and Spikelane be installed on eac
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import os
 from pathlib import Path
 import signal
@@ -84,8 +84,19 @@ class RayEngine:
         """How many runs there are at a time."""
         return self._slots
 
-    def start(self, name: str, folder: Path) -> None:
+    @property
+    def busy(self) -> int:
+        """How many runs are on the cluster."""
+        return len(self._running)
+
+    @property
+    def most_together(self) -> int:
+        """Each run has a process of its own."""
+        return 1
+
+    def start(self, runs: Mapping[str, Path]) -> None:
         """Give a run to the cluster; see `Engine`."""
+        ((name, folder),) = runs.items()
         reference = self._do.remote(str(folder.absolute()), os.getcwd())
         self._running[reference] = (name, folder)
 

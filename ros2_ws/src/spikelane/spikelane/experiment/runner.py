@@ -1,8 +1,9 @@
 """Does an experiment's runs: each when what it needs is there, several at a time.
 
 A run that is done is not done again, one that was interrupted goes on, one whose process was
-killed is begun again a few times, and one that failed is reported while the others go on. The
-folder of an experiment:
+killed is begun again a few times, and one that failed is reported while the others go on. Runs of
+one setting are done together where the engine does that; one that was killed or failed there is
+begun again alone, since another may be the cause. The folder of an experiment:
 
     <run>/          of each run, as the command that does it alone would leave it, and `run.json`
     log.jsonl       what happened and when, one JSON object a line, added to by every call
@@ -11,11 +12,12 @@ folder of an experiment:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import dataclasses
 from datetime import datetime, timezone
 from enum import Enum
 import json
+import math
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
@@ -31,6 +33,7 @@ from spikelane_sim.files import append_bytes
 LOG_FILE = 'log.jsonl'
 
 _POLL_S = 0.05
+_LEAST = 4  # runs of one setting that are worth another process while others are at work
 _PROGRESS_S = 0.5
 
 
@@ -61,6 +64,7 @@ class Status:
         is_begun: Whether an earlier process has left something to resume.
         is_continued: Whether the one at work, or the last one, went on with that.
         attempts: Processes started.
+        together: Runs that its process does, or did last, this one included.
         message: Why it failed, '' where it did not.
         started_s: When its process was started, by the monotonic clock [s].
         first: What it said of its progress first, and when [s].
@@ -74,6 +78,7 @@ class Status:
     is_begun: bool = False
     is_continued: bool = False
     attempts: int = 0
+    together: int = 1
     message: str = ''
     started_s: float = 0.0
     first: tuple[float, Progress] | None = None
@@ -170,14 +175,8 @@ class Runner:
             for ended in engine.ended():
                 self._end(ended)
                 show(self.statuses[ended.name])
-            running = sum(each.state is RunStatus.RUNNING for each in self.statuses.values())
-            for status in self._ready():
-                if running >= engine.slots:
-                    break
-                self._start(status, engine)
-                running += 1
-                show(status)
-            if not running:
+            self._start_ready(engine, show)
+            if not engine.busy:
                 return
             if time.monotonic() - shown_s >= _PROGRESS_S:
                 self._read_progress()
@@ -185,6 +184,17 @@ class Runner:
                 shown_s = time.monotonic()
             check()
             time.sleep(_POLL_S)
+
+    def _start_ready(self, engine: Engine, show: Callable[[Status | None], None]) -> None:
+        """Begin what can be begun, divided among all processes that there may be."""
+        ready = list(self._ready()) if engine.busy < engine.slots else []
+        share = max(math.ceil(len(ready) / engine.slots), _LEAST if engine.busy else 1)
+        while ready and engine.busy < engine.slots:
+            group = _group(ready, min(share, engine.most_together))
+            self._start(group, engine)
+            ready = [each for each in ready if each.state is RunStatus.WAITING]
+            for status in group:
+                show(status)
 
     def _ready(self) -> Iterator[Status]:
         """Yield the runs that can be begun; those that never can are marked."""
@@ -199,7 +209,13 @@ class Runner:
                 status.message = f'needs {before.run.name}'
                 self._log('block', status)
 
-    def _start(self, status: Status, engine: Engine) -> None:
+    def _start(self, group: Sequence[Status], engine: Engine) -> None:
+        """Begin to do runs in one process."""
+        folders = {each.run.name: self._prepare(each, len(group)) for each in group}
+        engine.start(folders)
+
+    def _prepare(self, status: Status, together: int) -> Path:
+        """Make a run ready to be begun; return its folder."""
         before = self._before(status)
         before_folder = None if before is None else before.folder
         if status.folder is None:
@@ -207,12 +223,14 @@ class Runner:
         else:
             write_run(status.folder, status.run, before_folder)
         status.attempts += 1
+        status.together = together
         status.state = RunStatus.RUNNING
         status.started_s = time.monotonic()
         status.first = status.last = None
-        self._log('start', status, attempt=status.attempts, is_continued=status.is_begun)
+        facts = {'attempt': status.attempts, 'is_continued': status.is_begun}
+        self._log('start', status, **facts, together=together)
         status.is_continued, status.is_begun = status.is_begun, True
-        engine.start(status.run.name, status.folder.path)
+        return status.folder.path
 
     def _end(self, ended: Ended) -> None:
         status = self.statuses[ended.name]
@@ -224,13 +242,18 @@ class Runner:
             status.took_s = None if status.is_continued else wall_time_s
             time_s = read_processor_time(status.folder)
             self._log('done', status, wall_time_s=wall_time_s, processor_s=time_s)
-        elif ended.status < 0 and status.attempts <= self._retries:
+        elif self._is_worth_another(ended, status):
             status.state = RunStatus.WAITING
             self._log('retry', status, wall_time_s=wall_time_s, message=ended.message)
         else:
             status.state = RunStatus.FAILED
             status.message = ended.message or 'ended without results'
             self._log('fail', status, wall_time_s=wall_time_s, message=status.message)
+
+    def _is_worth_another(self, ended: Ended, status: Status) -> bool:
+        """Return whether to begin a run again: one that was killed, or was not alone."""
+        is_first_alone = status.together > 1 and ended.status > 0
+        return is_first_alone or (ended.status < 0 and status.attempts <= self._retries)
 
     def _before(self, status: Status) -> Status | None:
         return None if status.run.before is None else self.statuses[status.run.before]
@@ -251,6 +274,15 @@ class Runner:
             folder = None if status.folder is None else status.folder.path.name
             run = {'run': status.run.name, 'folder': folder}
         log_event(self._root, event, **run, **facts)
+
+
+def _group(ready: Sequence[Status], most: int) -> Sequence[Status]:
+    """Return the next runs to be done in one process: the first one, and others of its setting."""
+    first, *_ = ready
+    if not first.run.setting or first.attempts:
+        return [first]
+    alike = [each for each in ready if each.run.setting == first.run.setting and not each.attempts]
+    return alike[:most]
 
 
 def log_event(root: Path, event: str, **facts: Any) -> None:

@@ -80,11 +80,13 @@ def time_left_s(runner: Runner, slots: int) -> float | None:
     for status in runner.statuses.values():
         kind = status.run.task, status.run.point.controller
         if status.took_s is not None:
-            whole_s.setdefault(kind, []).append(status.took_s)
+            whole_s.setdefault(kind, []).append(status.took_s / status.together)
         elif status.state is RunStatus.RUNNING and status.left_s is not None and status.last:
-            known_s.append(status.left_s)
+            # Of runs that a process does together, each has a part of its time.
+            left_s = status.left_s / status.together
+            known_s.append(left_s)
             if (rest := 1.0 - status.last[1].share) > 0:
-                whole_s.setdefault(kind, []).append(status.left_s / rest)
+                whole_s.setdefault(kind, []).append(left_s / rest)
         elif status.state in (RunStatus.RUNNING, RunStatus.WAITING):
             unknown.append(kind)
     if not known_s or not set(unknown) <= set(whole_s):

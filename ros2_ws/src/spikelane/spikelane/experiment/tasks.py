@@ -11,13 +11,20 @@ from dataclasses import dataclass
 import json
 from typing import Any, cast, NamedTuple
 
+from spikelane.fleet.setting import setting_key
+from spikelane.recording.record import check_recordable
 from spikelane.runs.configuration import Request, RunConfig
 from spikelane.runs.evaluate.config import EvaluateConfig, EvaluationParameters
-from spikelane.runs.evaluate.run import evaluate
+from spikelane.runs.evaluate.run import evaluate, evaluate_together, Evaluation
 from spikelane.runs.folder import RunFolder
-from spikelane.runs.output import ShowShare
+from spikelane.runs.output import OnProgress, ShowShare
 from spikelane.runs.train.config import TrainConfig
-from spikelane.runs.train.run import train_and_report
+from spikelane.runs.train.run import (
+    check_training_recordable,
+    train_and_report,
+    train_together,
+    TrainingRun,
+)
 from spikelane.runs.transfer.config import source_of, TransferConfig
 from spikelane.runs.transfer.run import report_transfer, transfer
 from spikelane_controllers.learning.gathering import GatheringParameters, MOST_STATES
@@ -30,7 +37,7 @@ from spikelane_controllers.registry import (
     transfer_card,
     transfer_class,
 )
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -62,6 +69,18 @@ class Need(NamedTuple):
     controller: str
 
 
+class Job(NamedTuple):
+    """A run in its folder, of which several are done together."""
+
+    config: Any
+    folder: RunFolder
+    show: ShowShare
+
+
+#: Called with the folder of a run that has failed, and why, while others go on.
+OnFailure = Callable[[RunFolder, SpikelaneError], None]
+
+
 class Task(NamedTuple):
     """A kind of run."""
 
@@ -75,7 +94,12 @@ class Task(NamedTuple):
     requires: Callable[[str], str]  # of a controller: what is to be installed, '' for nothing
     # Given options and the checkpoint: a folder, or FROM_RUN; None where there is none.
     configure: Callable[[Point, Any, str | None], RunConfig]
-    run: Callable[[Any, RunFolder, ShowShare], Mapping[str, Any]]  # leaves metrics.json
+    # Given configuration and options; it leaves metrics.json.
+    run: Callable[[Any, Any, RunFolder, ShowShare], Mapping[str, Any]]
+    # What configurations have in common that can be robots of one fleet; '' where none can.
+    setting: Callable[[Any], str]
+    # Does several of one setting, each as `run` does it: it leaves the same files.
+    run_together: Callable[[Sequence[Job], OnFailure], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +112,9 @@ class TrainOptions(Parameters):
         'controller.',
         low=0,
         high=MOST_STEPS,
+    )
+    record: tuple[str, ...] = parameter(
+        (), 'Quantities that the controller records in the training; none: no recording.'
     )
 
 
@@ -119,21 +146,51 @@ class EvaluateOptions(Parameters):
         0, "First seed of the laps, relative to the run's seed.", low=0, high=2**40
     )
     lanes: tuple[str, ...] = parameter((), 'Lanes to drive; none: every lane of the course.')
+    record: tuple[str, ...] = parameter(
+        (), 'Quantities that the controller records in each lap; none: no recording.'
+    )
 
 
 def _configure_training(
     point: Point, options: TrainOptions, checkpoint: str | None
 ) -> TrainConfig:
     del checkpoint
-    return TrainConfig.make(point.request(), options.steps or None)
+    config = TrainConfig.make(point.request(), options.steps or None)
+    check_training_recordable(config, options.record)
+    return config
 
 
-def _train(config: TrainConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
+def _train(
+    config: TrainConfig, options: TrainOptions, folder: RunFolder, show: ShowShare
+) -> Mapping[str, Any]:
+    if options.record:
+        # A recording has every step, so that a training that was interrupted restarts.
+        folder.checkpoint.unlink(missing_ok=True)
+    return train_and_report(
+        config,
+        folder,
+        _shown_as_share(config, show),
+        resume=folder.checkpoint.exists(),
+        record=options.record,
+    )
+
+
+def _train_together(jobs: Sequence[Job], fail: OnFailure) -> None:
+    train_together(
+        [
+            TrainingRun(job.config, job.folder, _shown_as_share(job.config, job.show))
+            for job in jobs
+        ],
+        fail,
+    )
+
+
+def _shown_as_share(config: TrainConfig, show: ShowShare) -> OnProgress:
     def show_steps(steps: int, progress_m: float) -> None:
         del progress_m
         show(steps, min(1.0, steps / config.training.steps))
 
-    return train_and_report(config, folder, show_steps, resume=folder.checkpoint.exists())
+    return show_steps
 
 
 def _configure_transfer(
@@ -147,7 +204,10 @@ def _configure_transfer(
     return make(asked, checkpoint, options.from_training)
 
 
-def _transfer(config: TransferConfig, folder: RunFolder, show: ShowShare) -> Mapping[str, Any]:
+def _transfer(
+    config: TransferConfig, options: TransferOptions, folder: RunFolder, show: ShowShare
+) -> Mapping[str, Any]:
+    del options  # the configuration has them
     gathered = cast(GatheringParameters, config.parameters['gathering'])
     per_state = gathered.decision.steps_per_action
     gathering = gathered.states * per_state
@@ -171,10 +231,28 @@ def _configure_evaluation(
         seed=point.seed + options.seed_offset, parameters={**point.parameters, **taken}
     )
     courses = (point.course,) if point.course else ()
-    return EvaluateConfig.make(
-        laps.request({'simulator.episode.max_laps': options.laps}),
-        {'seeds': options.seeds, 'lanes': options.lanes, 'courses': courses},
-    )
+    driven = {'seeds': options.seeds, 'lanes': options.lanes, 'courses': courses}
+    limit = {'simulator.episode.max_laps': options.laps}
+    config = EvaluateConfig.make(laps.request(limit), driven)
+    if options.record:
+        # While runs are planned there are no weights yet to make the controller with.
+        known = point if checkpoint == FROM_RUN else laps
+        check_recordable(EvaluateConfig.make(known.request(limit), driven), options.record)
+    return config
+
+
+def _evaluate(
+    config: EvaluateConfig, options: EvaluateOptions, folder: RunFolder, show: ShowShare
+) -> Mapping[str, Any]:
+    return evaluate(config, folder, show, options.record)
+
+
+def _evaluate_together(jobs: Sequence[Job], fail: OnFailure) -> None:
+    evaluate_together([Evaluation(*job) for job in jobs], fail)
+
+
+def _none_together(jobs: Sequence[Job], fail: OnFailure) -> None:
+    raise AssertionError('runs without a setting are done alone')
 
 
 def _groups_of_transfer(controller: str) -> Mapping[str, type[Parameters]]:
@@ -213,6 +291,8 @@ TASKS: Mapping[str, Task] = {
         requires=lambda controller: training_card(controller).requires,
         configure=_configure_training,
         run=_train,
+        setting=setting_key,
+        run_together=_train_together,
     ),
     'transfer': Task(
         options=TransferOptions,
@@ -224,6 +304,8 @@ TASKS: Mapping[str, Task] = {
         requires=lambda controller: transfer_card(controller).requires,
         configure=_configure_transfer,
         run=_transfer,
+        setting=lambda config: '',
+        run_together=_none_together,
     ),
     'evaluate': Task(
         options=EvaluateOptions,
@@ -235,7 +317,9 @@ TASKS: Mapping[str, Task] = {
         must_have_need=False,
         requires=lambda controller: '',
         configure=_configure_evaluation,
-        run=evaluate,
+        run=_evaluate,
+        setting=setting_key,
+        run_together=_evaluate_together,
     ),
 }
 

@@ -1,8 +1,11 @@
-"""One run of an experiment, in a process of its own: `python -m spikelane.experiment.worker DIR`.
+"""Runs of an experiment in one process: `python -m spikelane.experiment.worker DIR [DIR ...]`.
 
-It does what `run.json` in the folder says, going on where an earlier process stopped. It writes
+It does what `run.json` in each folder says, going on where an earlier process stopped. It writes
 how far it is into `progress.json`, and at its end its processor time. It ends with 0, or with 1
 and a last line that says why. Only one process at a time works in a folder: another one waits.
+
+Several runs are of one setting and done together, each as alone. One that fails does not end the
+others; why it failed is in its own log.
 """
 
 from __future__ import annotations
@@ -17,13 +20,13 @@ from typing import Any, NamedTuple, TypedDict
 
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.experiment.processor_time import add_processor_time, processor_s
-from spikelane.experiment.tasks import Point, Task, task_named
+from spikelane.experiment.tasks import Job, Point, Task, task_named
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
 from spikelane.runs.configuration import RunConfig
 from spikelane.runs.folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.files import FileError, write_bytes_atomically
+from spikelane_sim.files import FileError, write_bytes_atomically, write_text_atomically
 
 PROGRESS_FILE = 'progress.json'
 LOG = Path('logs') / 'worker.log'
@@ -58,16 +61,21 @@ class Progress(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Do the run in the folder given.
+    """Do the runs in the folders given.
 
     Returns:
-        0 done, 1 failed, 128 + n when ended by signal n.
+        0 done, 1 where one failed, 128 + n when ended by signal n.
     """
-    (path,) = sys.argv[1:] if arguments is None else arguments
+    paths = [Path(each) for each in (sys.argv[1:] if arguments is None else arguments)]
     # A process of its own has done nothing else, so that its imports count.
     since_s = 0.0 if arguments is None else processor_s()
     with signals_noted(are_ignored_afterwards=arguments is None):
-        return _do_run_in(Path(path), since_s)
+        if len(paths) == 1:
+            return _do_run_in(paths[0], since_s)
+        try:
+            return _Together(paths, since_s).do()
+        except Interrupted as interrupted:
+            return interrupted.exit_status
 
 
 def _do_run_in(path: Path, since_s: float) -> int:
@@ -96,28 +104,95 @@ def do_run(folder: RunFolder) -> None:
     """
     if folder.metrics.exists():
         return
-    task, config = read_run(folder)
+    begun = _prepare(folder)
+    begun.task.run(begun.job.config, begun.options, folder, begun.job.show)
+
+
+class _Begun(NamedTuple):
+    """A run that can be done."""
+
+    task: Task
+    options: Any
+    job: Job
+
+
+def _prepare(folder: RunFolder) -> _Begun:
+    """Begin the run in a folder; return what is to be done.
+
+    Raises:
+        SpikelaneError: It cannot be begun.
+    """
+    task, options, config = read_run(folder)
     folder.write_config(config)
     with contextlib.suppress(OSError):
         (folder.path / PROGRESS_FILE).unlink()
-    task.run(config, folder, _Reporter(folder.path / PROGRESS_FILE))
+    return _Begun(task, options, Job(config, folder, _Reporter(folder.path / PROGRESS_FILE)))
 
 
-def read_run(folder: RunFolder) -> tuple[Task, RunConfig]:
-    """Return what the run in a folder is, and what determines it.
+class _Together:
+    """Does several runs of one setting."""
+
+    def __init__(self, paths: Sequence[Path], since_s: float) -> None:
+        self._paths = paths
+        self._since_s = since_s
+        self._has_failed = False
+
+    def do(self) -> int:
+        """Do them; return the exit status."""
+        jobs: list[Job] = []
+        run_together = None
+        with contextlib.ExitStack() as stack:
+            for path in self._paths:
+                try:
+                    folder = _folder(path)
+                    stack.enter_context(locked(folder.path, patience_s=_LOCK_S))
+                    self._begin_log(folder)
+                    if not folder.metrics.exists():
+                        begun = _prepare(folder)
+                        run_together = begun.task.run_together
+                        jobs.append(begun.job)
+                except SpikelaneError as error:
+                    self._fail(RunFolder(path), error)
+            if run_together is not None:
+                try:
+                    run_together(jobs, self._fail)
+                finally:
+                    for job in jobs:
+                        with contextlib.suppress(FileError):
+                            add_processor_time(job.folder, self._since_s, len(jobs))
+        return 1 if self._has_failed else 0
+
+    def _begin_log(self, folder: RunFolder) -> None:
+        """Begin the log of a run; the first one's is this process's output."""
+        if folder.path != self._paths[0]:
+            write_text_atomically(folder.path / LOG, '')
+
+    def _fail(self, folder: RunFolder, error: SpikelaneError) -> None:
+        """Note why a run has failed."""
+        self._has_failed = True
+        if folder.path == self._paths[0]:
+            print(error, file=sys.stderr)
+            return
+        with contextlib.suppress(SpikelaneError):  # as on a full disk
+            write_text_atomically(folder.path / LOG, f'{error}\n')
+
+
+def read_run(folder: RunFolder) -> tuple[Task, Any, RunConfig]:
+    """Return what the run in a folder is, its options, and what determines it.
 
     Raises:
         SpikelaneError: `run.json` cannot be read, or something in it is not allowed.
     """
     values = folder.read_json(RUN_FILE, _RunFile)
     task = task_named(values['identity']['task'])
+    options = task.options.from_mapping(values['options'])
     checkpoint = values['checkpoint']
     config = task.configure(
         Point(**values['point']),
-        task.options.from_mapping(values['options']),
+        options,
         None if checkpoint is None else str((folder.path / checkpoint).resolve()),
     )
-    return task, config
+    return task, options, config
 
 
 def read_progress(folder: RunFolder) -> Progress | None:

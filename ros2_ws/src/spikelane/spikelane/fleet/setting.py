@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from spikelane.runs.configuration import Configuration
@@ -24,6 +25,11 @@ def has_kernel(config: Configuration) -> bool:
     except ParameterError:
         return False
     return True
+
+
+def setting_key(config: Configuration) -> str:
+    """Return what runs of one fleet have in common as a text, '' where there is no kernel."""
+    return json.dumps(setting(config), sort_keys=True) if has_kernel(config) else ''
 
 
 def setting(config: Configuration) -> dict[str, Any]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+import contextlib
+
+import numpy as np
 
 from spikelane.fleet.fleet import Fleet
 from spikelane.fleet.setting import setting
@@ -10,10 +13,13 @@ from spikelane.interruption import check
 from spikelane.runs.train.config import TrainConfig
 from spikelane_controllers.fleet import Journey, make_journey
 from spikelane_controllers.learning.training import Start, Training
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 
 #: Called with the number of a training that has come on, and its progress along the lane [m].
 OnProgress = Callable[[int, float], None]
+
+#: Called with the number of a training that has failed, and why.
+OnFailure = Callable[[int, SpikelaneError], None]
 
 
 def train_fleet(
@@ -22,6 +28,7 @@ def train_fleet(
     show: OnProgress,
     *,
     threads: int = 1,
+    fail: OnFailure | None = None,
 ) -> None:
     """Drive trainings to their ends.
 
@@ -30,9 +37,11 @@ def train_fleet(
         trainings: Begun or resumed, one for each.
         show: Called as trainings come on.
         threads: How many threads drive them.
+        fail: Called with a training that cannot go on, while the others do; None for an error.
 
     Raises:
-        SpikelaneError: They are not trainings of one setting, or a checkpoint cannot be written.
+        SpikelaneError: They are not trainings of one setting, or the kernel has failed. Without
+            `fail`, also where a checkpoint cannot be written, or an episode is not the same again.
         Interrupted: A signal has come; each can be resumed from its last checkpoint.
     """
     first = configs[0]
@@ -49,9 +58,34 @@ def train_fleet(
         courses=[config.simulator.course for config in configs],
         threads=threads,
     ) as fleet:
+        attempts = _Attempts(fail)
         for robot, training in enumerate(trainings):
-            _begin(fleet, robot, training)
-        _drive(fleet, trainings, show)
+            with attempts.of(robot):
+                _begin(fleet, robot, training)
+        _drive(fleet, trainings, show, attempts)
+
+
+class _Attempts:
+    """Keeps the failure of one training from ending the others.
+
+    Attributes:
+        lost: Trainings that have failed.
+    """
+
+    def __init__(self, fail: OnFailure | None) -> None:
+        self.lost: set[int] = set()
+        self._fail = fail
+
+    @contextlib.contextmanager
+    def of(self, robot: int) -> Iterator[None]:
+        """Do something for one training."""
+        try:
+            yield
+        except SpikelaneError as error:
+            if self._fail is None:
+                raise
+            self.lost.add(robot)
+            self._fail(robot, error)
 
 
 def _begin(fleet: Fleet, robot: int, training: Training) -> None:
@@ -66,17 +100,25 @@ def _begin(fleet: Fleet, robot: int, training: Training) -> None:
         fleet.repeat(robot, answers[-1:])
 
 
-def _drive(fleet: Fleet, trainings: Sequence[Training], show: OnProgress) -> None:
+def _drive(
+    fleet: Fleet, trainings: Sequence[Training], show: OnProgress, attempts: _Attempts
+) -> None:
     journey = make_journey(len(fleet), max(each.parameters.save_every for each in trainings))
-    while not all(training.is_done for training in trainings):
+    while True:
         check()
+        journey.wanted[:] = 0
         for robot, training in enumerate(trainings):
+            if robot in attempts.lost or training.is_done:
+                continue
             if training.needs_reset:
                 fleet.reset(robot)
-            journey.wanted[robot] = 0 if training.is_done else training.steps_to_take
+            journey.wanted[robot] = training.steps_to_take
+        if not journey.wanted.any():
+            return
         fleet.advance(journey)
-        for robot, training in enumerate(trainings):
-            if journey.wanted[robot]:
+        for robot in np.flatnonzero(journey.wanted).tolist():
+            training = trainings[robot]
+            with attempts.of(robot):
                 _take(fleet, robot, training, journey)
                 show(robot, fleet.simulators.robots.known['progress_m'][robot])
 

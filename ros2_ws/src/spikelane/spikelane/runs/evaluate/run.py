@@ -8,7 +8,8 @@ that a fleet can drive are driven many at a time (`fleet.laps`), with the same b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+import contextlib
 import json
 from pathlib import Path
 import shutil
@@ -33,6 +34,7 @@ from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import title as controller_title
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
+from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
 
 
@@ -125,6 +127,29 @@ def drive_together(evaluations: Sequence[Evaluation]) -> None:
     for laps in together.values():
         for first in range(0, len(laps), MOST_LAPS):
             _drive_some(laps[first : first + MOST_LAPS], shown)
+
+
+def evaluate_together(
+    evaluations: Sequence[Evaluation], fail: Callable[[RunFolder, SpikelaneError], None]
+) -> None:
+    """Evaluate as `evaluate` does of each, with the laps of all driven together.
+
+    Args:
+        evaluations: What to drive.
+        fail: Called with the folder of an evaluation that fails, while the others go on.
+
+    Raises:
+        Interrupted: A signal has come; laps that are done are kept.
+    """
+    # What is wrong with one is met again below, where it is known whose fault it is.
+    with contextlib.suppress(SpikelaneError):
+        drive_together(evaluations)
+    for each in evaluations:
+        check()
+        try:
+            evaluate(*each)
+        except SpikelaneError as error:
+            fail(each.folder, error)
 
 
 def _drive_some(laps: Sequence[_Lap], shown: _Shown) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import contextlib
 import csv
 import io
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from spikelane.fleet.setting import has_kernel
 from spikelane.fleet.training import train_fleet
@@ -33,7 +33,7 @@ from spikelane_controllers.registry import (
     training_results,
 )
 from spikelane_sim.contract import controller_rng, sensors_of
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.files import write_text_atomically
 from spikelane_sim.filters import FilterStage
 from spikelane_sim.simulator import Simulator
@@ -95,6 +95,80 @@ def train_and_report(
     return report_training(config, folder, None if resume else time.monotonic() - start_s)
 
 
+class TrainingRun(NamedTuple):
+    """A training in its folder.
+
+    Attributes:
+        config: What to train.
+        folder: Where it goes; a checkpoint in it is gone on with.
+        show: Called as it comes on.
+    """
+
+    config: TrainConfig
+    folder: RunFolder
+    show: OnProgress
+
+
+class _Begun(NamedTuple):
+    run: TrainingRun
+    training: Training
+    is_resumed: bool
+
+
+def train_together(
+    runs: Sequence[TrainingRun], fail: Callable[[RunFolder, SpikelaneError], None]
+) -> None:
+    """Train in a fleet, and report, as `train_and_report` does of each alone.
+
+    Args:
+        runs: Trainings of one setting (`fleet.setting`).
+        fail: Called with the folder of a training that fails, while the others go on.
+
+    Raises:
+        SpikelaneError: They are not of one setting, or the kernel has failed.
+        Interrupted: A signal has come; each can be resumed from its last checkpoint.
+    """
+    start_s = time.monotonic()
+    begun: list[_Begun] = []
+    for run in runs:
+        is_resumed = run.folder.checkpoint.exists()
+        try:
+            training = _make_logged_training(run.config, run.folder, resume=is_resumed)
+        except SpikelaneError as error:
+            fail(run.folder, error)
+        else:
+            begun.append(_Begun(run, training, is_resumed))
+    if not begun:
+        return
+    lost: set[int] = set()
+
+    def lose(robot: int, error: SpikelaneError) -> None:
+        lost.add(robot)
+        fail(begun[robot].run.folder, error)
+
+    train_fleet(
+        [each.run.config for each in begun],
+        [each.training for each in begun],
+        lambda robot, progress_m: begun[robot].run.show(begun[robot].training.steps, progress_m),
+        fail=lose,
+    )
+    took_s = time.monotonic() - start_s
+    for robot, (run, _, is_resumed) in enumerate(begun):
+        check()
+        if robot not in lost:
+            try:
+                report_training(run.config, run.folder, None if is_resumed else took_s)
+            except SpikelaneError as error:
+                fail(run.folder, error)
+
+
+def _make_logged_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
+    """Make a training as `make_training` does, with its log for TensorBoard."""
+    training = make_training(config, folder, resume=resume)
+    ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    return training
+
+
 def train(
     config: TrainConfig,
     folder: RunFolder,
@@ -123,8 +197,7 @@ def train(
             config, folder, show, resume=resume, viewer=viewer
         )
         return trained
-    training = make_training(config, folder, resume=resume)
-    ScalarLog(folder.path / LOG_FOLDER, training, time.monotonic)
+    training = _make_logged_training(config, folder, resume=resume)
     if not record and has_kernel(config):
         # The same bits as below, sooner; a recording needs every step.
         train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
