@@ -258,7 +258,7 @@ def load_course(name_or_path: str) -> Course:
     if is_random(name_or_path):
         return _random_course(name_or_path)
     if name_or_path in available_courses():
-        return make_course(read_course_file(_COURSES / f'{name_or_path}.yaml'))
+        return _shipped_course(name_or_path)
     if not Path(name_or_path).is_file():
         known = ', '.join(available_courses())
         raise CourseError(
@@ -266,6 +266,11 @@ def load_course(name_or_path: str) -> Course:
             f'got {name_or_path!r}'
         )
     return make_course(read_course_file(Path(name_or_path)))
+
+
+@functools.cache  # experiments ask for the same few again and again
+def _shipped_course(name: str) -> Course:
+    return make_course(read_course_file(_COURSES / f'{name}.yaml'))
 
 
 @functools.lru_cache(maxsize=64)

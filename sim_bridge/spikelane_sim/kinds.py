@@ -7,6 +7,7 @@ kinds, and checked in one place before anything is computed with it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+import functools
 import types
 from typing import Any, get_args, get_origin, get_type_hints, is_typeddict, Union
 
@@ -107,7 +108,7 @@ def _check_mapping(value: Mapping[Any, Any], kind: Any, name: str) -> None:
         for key, each in value.items():
             check_kind(each, get_args(kind)[1], f'{inner}{key}')
         return
-    fields = get_type_hints(kind)
+    fields = _fields(kind)
     if not is_typeddict(kind):
         for key in value:
             if key not in fields:
@@ -119,6 +120,11 @@ def _check_mapping(value: Mapping[Any, Any], kind: Any, name: str) -> None:
             raise KindError(
                 f'{inner}{key}: expected {_words(hint)}, got none: is the file of another version?'
             )
+
+
+@functools.cache  # to evaluate the annotations takes longer than all checks
+def _fields(kind: Any) -> Mapping[str, Any]:
+    return get_type_hints(kind)
 
 
 def _required(kind: Any) -> frozenset[str]:

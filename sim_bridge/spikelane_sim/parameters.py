@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 import dataclasses
+import functools
 import math
+from types import MappingProxyType
 from typing import Any, ClassVar, get_args, get_origin, get_type_hints, TypeVar
 
 import numpy as np
@@ -341,20 +343,29 @@ def _float(value: int) -> float | None:
         return None
 
 
-def _own_specs(cls: type) -> Iterator[ParameterSpec]:
+def _find_specs(cls: type) -> tuple[ParameterSpec, ...]:
     hints = get_type_hints(cls)
+    specs = []
     for field in dataclasses.fields(cls):
         if field.metadata:
             hint = hints[field.name]
             kind, item = get_origin(hint) or hint, (*get_args(hint), float)[0]
-            yield ParameterSpec(field.name, kind, field.default, item=item, **field.metadata)
+            specs.append(
+                ParameterSpec(field.name, kind, field.default, item=item, **field.metadata)
+            )
+    return tuple(specs)
 
 
-def _groups(cls: type) -> dict[str, type[Parameters]]:
+def _find_groups(cls: type) -> Mapping[str, type[Parameters]]:
     hints = get_type_hints(cls)
-    return {
-        field.name: hints[field.name] for field in dataclasses.fields(cls) if not field.metadata
-    }
+    return MappingProxyType(
+        {field.name: hints[field.name] for field in dataclasses.fields(cls) if not field.metadata}
+    )
+
+
+# To evaluate the annotations takes longer than all checks: once for each class is enough.
+_own_specs: Callable[[type], tuple[ParameterSpec, ...]] = functools.cache(_find_specs)
+_groups: Callable[[type], Mapping[str, type[Parameters]]] = functools.cache(_find_groups)
 
 
 def _build(cls: type[ParametersT], flat: Mapping[str, Any], prefix: str) -> ParametersT:
