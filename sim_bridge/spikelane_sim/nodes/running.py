@@ -29,7 +29,7 @@ from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
 
 _LOOK_EVERY_S = 0.5  # whether the middleware was shut down
-_DELIVERY_S = 8.0  # Fast DDS has 3 s between heartbeats, and a busy machine may need two
+_DELIVERY_S = 8.0  # without our profile Fast DDS has 3 s between heartbeats; it may need two
 _DELIVERY_PERIOD_S = 0.01
 _GRACE_S = 2.0  # for a node that is being made when a signal comes
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
