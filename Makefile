@@ -2,6 +2,8 @@
 # Both set up what is missing first; PYTHON=/path/to/python3 chooses the Python.
 SHELL := /bin/bash
 CORE := sim_bridge/spikelane_sim controllers/spikelane_controllers ros2_ws/src/spikelane/spikelane
+# As many processes as processors; the tests of a file stay together, as they share what they drive.
+WORKERS := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 .PHONY: help run test docs setup clean
 
@@ -23,7 +25,7 @@ test:
 	mypy $(CORE) benches/spikelane_benches || status=1; \
 	mypy --no-explicit-package-bases setup/bootstrap.py setup/ros_package.py || status=1; \
 	mypy ros2_ws/src/spikelane/launch || status=1; \
-	python -m pytest || status=1; \
+	python -m pytest $(WORKERS) || status=1; \
 	exit $$status
 
 docs:

@@ -11,8 +11,10 @@ import pytest
 from safetensors.numpy import load_file
 
 ROOT = Path(__file__).resolve().parents[3]
-#: Not copied: what is built, and what git keeps.
-BUILT = shutil.ignore_patterns('.git', '.venv*', 'build', 'install', 'log', '.*_cache')
+#: Not copied: what is built, what git keeps, and what other tests may be writing meanwhile.
+BUILT = shutil.ignore_patterns(
+    *('.git', '.venv*', 'build', 'install', 'log', '.*_cache', '.hypothesis', '__pycache__')
+)
 #: What is driven: the whole lap in one process and over ROS, and the beginning of a training.
 LAP = ('lap', '--seed', '1', '--lane', 'outer')
 TRAINING = ('train', 'rstdp', '--scenario', '1', '--seed', '1', '--steps', '1500')
