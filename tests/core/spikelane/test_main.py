@@ -161,12 +161,12 @@ def test_a_signal_takes_effect_between_two_steps(
     def run_until_told(options: argparse.Namespace) -> int:
         del options
         try:
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)
             done.append('step')
             check()
             done.append('next step')
         finally:
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)
             check()
             done.append('clean-up')
         return 0
