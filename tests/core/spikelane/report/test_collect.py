@@ -81,6 +81,40 @@ def test_a_setting_is_what_differs_from_the_paper(tmp_path: Path) -> None:
     )
 
 
+def test_a_changed_urdf_is_another_setting(tmp_path: Path) -> None:
+    """Also of the weights; where a checkpoint has no digest, it is not known to be another."""
+    urdf = str(tmp_path / 'own.urdf')
+    digests = {'a': {urdf: 'ab12cd34' + 56 * '0'}, 'b': {urdf: 'ef56ab78' + 56 * '0'}, 'c': {}}
+    common = {'simulator': {'robot.model': urdf}, 'save_every': 100}
+    weights = {
+        name: write_training(tmp_path / name, 0, [], inputs=inputs, **common)
+        for name, inputs in digests.items()
+    }
+    for seed, (name, checkpoint) in enumerate(weights.items()):
+        learnt = {'controller': 'rstdp', 'rstdp': {'checkpoint': str(checkpoint)}}
+        simulator = {'robot.model': urdf}
+        write_lap(
+            tmp_path / f'lap_{name}',
+            scenario='2',
+            seed=seed,
+            simulator=simulator,
+            inputs=digests['a'],
+            **learnt,
+        )
+    own = f'robot.model {urdf} (SHA-256 ab12cd34)'
+    found = collect([tmp_path])
+    assert {run.folder.name: run.setting for run in found.laps} == {
+        'lap_a': own,
+        'lap_b': f'{own}; learnt with robot.model {urdf} (SHA-256 ef56ab78)',
+        'lap_c': own,
+    }
+    assert [run.setting for run in found.trainings] == [
+        own,
+        f'robot.model {urdf} (SHA-256 ef56ab78)',
+        f'robot.model {urdf}',
+    ]
+
+
 def test_filters_are_a_setting(tmp_path: Path) -> None:
     """Those that differ from their defaults; a run without filters has none."""
     write_lap(tmp_path / 'a', filter={'chain': 'correlation', 'correlation.supporters': 3})

@@ -15,6 +15,7 @@ from spikelane.runs.lap.config import LIMITS
 from spikelane.runs.train.config import training_defaults
 from spikelane.runs.transfer.config import source_of
 from spikelane_controllers.checkpoint import read_checkpoint
+from spikelane_controllers.learning.training import INPUTS
 from spikelane_controllers.registry import (
     controller_class,
     controller_names,
@@ -30,6 +31,9 @@ from spikelane_sim.simulator_parameters import current_config, SimulatorParamete
 
 #: Settings that say what is done, not how: a run is no variant for them.
 _NO_VARIANT = ('course', 'checkpoint', 'q_learning.device')
+
+#: Between the name of a file and the first digits of its digest.
+_DIGEST, _DIGITS = ' (SHA-256 ', 8
 
 
 def scenario_name(config: Mapping[str, Any]) -> str:
@@ -66,7 +70,9 @@ def setting_of(config: Mapping[str, Any], folder: Path) -> Setting:
     learnt = _learnt_with(*weights, folder)
     if learnt is None:
         return Setting('; '.join([*parts, f'weights of {weights.checkpoint}']), None)
-    other = [f'{name} {value}' for name, value in learnt.variant if own.get(name) != value]
+    other = [
+        f'{name} {value}' for name, value in learnt.variant if _is_other(own.get(name), value)
+    ]
     parts.extend(['learnt with ' + ', '.join(other)] if other else [])
     if learnt.scenario and learnt.scenario != scenario_name(config):
         parts.append(f'learnt in scenario {learnt.scenario}')
@@ -132,18 +138,33 @@ def _moved(checkpoint: str, folder: Path) -> str:
     return next((str(path) for path in neighbours if (path / RUN_FILE).exists()), checkpoint)
 
 
+def _is_other(own: Any, learnt: Any) -> bool:
+    """Return whether weights were learnt with another value than a run's own.
+
+    A file without a digest is of a version that kept none, and no difference.
+    """
+    return bool(own != learnt) and str(own).partition(_DIGEST)[0] != learnt
+
+
 def _variant(config: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters that differ from their defaults, the paper's.
 
-    Parameters that one of both lacks are of another version, and no difference.
+    Parameters that one of both lacks are of another version, and no difference. A file has the
+    digest of its content, so that runs before and after a change of the file are told apart.
     """
     found: dict[str, Any] = {}
+    digests = config.get(INPUTS)
+    if not isinstance(digests, Mapping):
+        digests = {}
     for group, values in config.items():
         if isinstance(values, Mapping) and (usual := _defaults(group)) is not None:
             usual = {**usual, **_chosen(group, values), **_usual_in(config, group)}
             for name, value in usual.items():
                 if name not in _NO_VARIANT and name in values and values[name] != value:
-                    found[f'filter.{name}' if group == 'filter' else name] = values[name]
+                    value = values[name]
+                    if isinstance(value, str) and value in digests:
+                        value = f'{value}{_DIGEST}{str(digests[value])[:_DIGITS]})'
+                    found[f'filter.{name}' if group == 'filter' else name] = value
     if config.get('from_training') is False:
         found['from_training'] = False
     return found
