@@ -112,14 +112,14 @@ def _timed(learn: Callable[[_Stopwatch], Policy]) -> _Learnt:
 
 
 def _learn_here(steps: int, seed: int) -> _Learnt:
-    from spikelane_controllers.dqn.q_learning import QLearning
+    from spikelane_controllers.dqn.torch_q_learning import TorchQLearning
 
     rng = np.random.default_rng(seed)
     network = initial_network(rng, 512, 3, QNetworkParameters())
     _compile()
 
     def learn(env: _Stopwatch) -> Policy:
-        learner = QLearning(PARAMETERS, network)
+        learner = TorchQLearning(PARAMETERS, network)
         state = env.reset(seed=seed)[0].ravel()
         for _ in range(steps):
             action = learner.act(state, rng)
@@ -135,13 +135,13 @@ def _learn_here(steps: int, seed: int) -> _Learnt:
 
 def _compile() -> None:
     """Act and learn once, so that no compilation is timed."""
-    from spikelane_controllers.dqn.q_learning import QLearning
+    from spikelane_controllers.dqn.torch_q_learning import TorchQLearning
 
     rng = np.random.default_rng(0)
     network = initial_network(rng, 512, 3, QNetworkParameters())
     state = np.zeros(512, np.uint8)
     greedy_action(network, state)
-    learner = QLearning(replace(PARAMETERS, random_steps=PARAMETERS.batch_size), network)
+    learner = TorchQLearning(replace(PARAMETERS, random_steps=PARAMETERS.batch_size), network)
     for _ in range(PARAMETERS.batch_size + PARAMETERS.update_every):
         learner.act(state, rng)
         learner.learn(state, 0, 0.0, state, rng, is_final=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import math
-from typing import Any, ClassVar, TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from spikelane_controllers.dqn.learnt_network import (
 )
 from spikelane_controllers.dqn.parameters import DqnParameters
 from spikelane_controllers.dqn.pytorch import require_pytorch
+from spikelane_controllers.dqn.q_learning import QLearning
 from spikelane_controllers.dqn.q_network import (
     decision_operations,
     greedy_action,
@@ -43,9 +44,6 @@ from spikelane_sim.contract import LaneState, Observation, TERMINATED_LANE_LOST,
 from spikelane_sim.encoding import Counts, StateImage
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.task import action_wheels, ACTIONS, lane_centre_reward
-
-if TYPE_CHECKING:
-    from spikelane_controllers.dqn.q_learning import QLearning
 
 
 class Dqn:
@@ -204,11 +202,14 @@ class Dqn:
             )
 
     def _make_learner(self) -> QLearning:
+        parameters = self.parameters.q_learning
+        if parameters.backend == 'numba':
+            return QLearning(parameters, self._network)
         require_pytorch()
-        # Here and not above: driving must not wait for torch.
-        from spikelane_controllers.dqn.q_learning import QLearning
+        # Here and not above: nothing else must wait for torch.
+        from spikelane_controllers.dqn.torch_q_learning import TorchQLearning
 
-        return QLearning(self.parameters.q_learning, self._network)
+        return TorchQLearning(parameters, self._network)
 
     def _trained_network(self) -> QNetwork | None:
         name = self.parameters.checkpoint

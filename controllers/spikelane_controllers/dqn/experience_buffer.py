@@ -21,27 +21,50 @@ class Batch(NamedTuple):
     is_final: NDArray[np.bool_]  # nothing is to be gained after next_state, (n,)
 
 
+class Transitions(NamedTuple):
+    """Where a buffer keeps its transitions; rows are transitions.
+
+    Attributes:
+        states: Binary, eight inputs to a byte, (size, ceil(n_inputs / 8)).
+        next_states: The same.
+        actions: (size,).
+        rewards: (size,).
+        is_final: 1 where nothing is to be gained after next_state, (size,).
+    """
+
+    states: NDArray[np.uint8]
+    next_states: NDArray[np.uint8]
+    actions: NDArray[np.uint8]
+    rewards: NDArray[np.float32]
+    is_final: NDArray[np.uint8]
+
+
 class Replay:
     """A ring of transitions; the oldest makes place for the newest.
 
     Args:
         size: How many it keeps.
         n_inputs: Number of inputs in a state.
+
+    Attributes:
+        transitions: What it keeps; not to be written to.
     """
 
     def __init__(self, size: int, n_inputs: int) -> None:
         packed = -(-n_inputs // 8)
         self._n_inputs = n_inputs
         self._added = 0
-        self._states: NDArray[np.uint8] = np.zeros((size, packed), np.uint8)
-        self._next_states: NDArray[np.uint8] = np.zeros((size, packed), np.uint8)
-        self._actions: NDArray[np.uint8] = np.zeros(size, np.uint8)
-        self._rewards: NDArray[np.float32] = np.zeros(size, np.float32)
-        self._is_final: NDArray[np.uint8] = np.zeros(size, np.uint8)
+        self.transitions = Transitions(
+            states=np.zeros((size, packed), np.uint8),
+            next_states=np.zeros((size, packed), np.uint8),
+            actions=np.zeros(size, np.uint8),
+            rewards=np.zeros(size, np.float32),
+            is_final=np.zeros(size, np.uint8),
+        )
 
     def __len__(self) -> int:
         """Return how many transitions there are."""
-        return min(self._added, len(self._actions))
+        return min(self._added, len(self.transitions.actions))
 
     def add(
         self,
@@ -53,34 +76,33 @@ class Replay:
         is_final: bool,
     ) -> None:
         """Add a transition between binary states (n_inputs,)."""
-        place = self._added % len(self._actions)
-        self._states[place] = np.packbits(state)
-        self._next_states[place] = np.packbits(next_state)
-        self._actions[place] = action
-        self._rewards[place] = reward
-        self._is_final[place] = is_final
+        kept = self.transitions
+        place = self._added % len(kept.actions)
+        kept.states[place] = np.packbits(state)
+        kept.next_states[place] = np.packbits(next_state)
+        kept.actions[place] = action
+        kept.rewards[place] = reward
+        kept.is_final[place] = is_final
         self._added += 1
 
+    def draw(self, size: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Draw rows of transitions, each equally likely, perhaps more than once."""
+        return rng.integers(len(self), size=size)
+
     def sample(self, size: int, rng: np.random.Generator) -> Batch:
-        """Draw transitions, each equally likely, perhaps more than once."""
-        drawn = rng.integers(len(self), size=size)
+        """Return the transitions that `draw` draws."""
+        drawn, kept = self.draw(size, rng), self.transitions
         return Batch(
-            self._unpacked(self._states[drawn]),
-            self._actions[drawn].astype(np.int64),
-            self._rewards[drawn],
-            self._unpacked(self._next_states[drawn]),
-            self._is_final[drawn].astype(np.bool_),
+            self._unpacked(kept.states[drawn]),
+            kept.actions[drawn].astype(np.int64),
+            kept.rewards[drawn],
+            self._unpacked(kept.next_states[drawn]),
+            kept.is_final[drawn].astype(np.bool_),
         )
 
     def state(self) -> SavedState:
         """Return a copy of all of it but how many were added, which is given to `restore`."""
-        return {
-            'replay.states': self._states.copy(),
-            'replay.next_states': self._next_states.copy(),
-            'replay.actions': self._actions.copy(),
-            'replay.rewards': self._rewards.copy(),
-            'replay.is_final': self._is_final.copy(),
-        }
+        return {f'replay.{name}': kept.copy() for name, kept in self.transitions._asdict().items()}
 
     def restore(self, state: Mapping[str, Any], added: int) -> None:
         """Become what `state` returned.
@@ -91,11 +113,8 @@ class Replay:
         arrays = {
             name: array(state, name, like.dtype, like.shape) for name, like in self.state().items()
         }
-        self._states = arrays['replay.states']
-        self._next_states = arrays['replay.next_states']
-        self._actions = arrays['replay.actions']
-        self._rewards = arrays['replay.rewards']
-        self._is_final = arrays['replay.is_final']
+        for name, kept in self.transitions._asdict().items():
+            kept[:] = arrays[f'replay.{name}']
         self._added = added
 
     def _unpacked(self, packed: NDArray[np.uint8]) -> NDArray[np.uint8]:

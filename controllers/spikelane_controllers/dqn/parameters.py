@@ -6,6 +6,7 @@ import dataclasses
 
 from spikelane_controllers.dqn.q_network import MOST_WEIGHTS, QNetworkParameters
 from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, Parameters
 from spikelane_sim.task import DecisionParameters
 
@@ -64,12 +65,24 @@ class QLearningParameters(Parameters):
         source=_TABLE,
     )
     device: str = parameter('cpu', 'Device that computes the updates.', choices=('cpu', 'cuda'))
+    backend: str = parameter(
+        'torch',
+        'Library that computes the updates: PyTorch (torch), or Numba (numba), which takes less '
+        'time, differs by rounding and computes on the CPU alone.',
+        choices=('torch', 'numba'),
+    )
 
     def exploration_rate(self, steps: int) -> float:
         """Return the probability of a random action after so many steps (section 3.4)."""
         progress = (steps - self.random_steps) / self.annealing_steps
         fall = self.exploration_start - self.exploration_end
         return self.exploration_start - fall * min(max(progress, 0.0), 1.0)
+
+    def _check_relations(self) -> None:
+        if self.backend == 'numba' and self.device != 'cpu':
+            raise ParameterError(
+                f'backend: expected torch, as the device is {self.device}, got numba'
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ NAMED = set(re.findall(r'`([a-z_*]+(?:\.[a-z0-9_*]+)+)`', TEXT))
 #: What says where, how long or with what to compute, and the sensor's size, which the paper gives.
 NOT_THE_PAPERS = (
     'simulator.course', '*.checkpoint', '*.width', '*.height', 'dqn.q_learning.device',
-    'training.save_every', 'transfer.measure_every',
+    'dqn.q_learning.backend', 'training.save_every', 'transfer.measure_every',
 )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from spikelane_benches.benchmarks import run
 from spikelane_benches.dqn import measure_dqn
 from spikelane_benches.engines import measure_engines
 from spikelane_benches.plasticity import measure_plasticity
+from spikelane_benches.q_learning import measure_q_learning
 from spikelane_sim.errors import SpikelaneError
 
 
@@ -58,6 +59,13 @@ def test_both_ways_of_deep_q_learning_are_timed() -> None:
         result[f'{who}_{lane}'] for who in ('ours', 'theirs') for lane in ('outer', 'inner')
     ]
     assert all(0 < reward < 2660 for reward in rewards)
+
+
+def test_both_backends_of_q_learning_are_timed() -> None:
+    """With the same transitions, after the buffer has the random ones."""
+    result = measure_q_learning(actions=80)
+    assert result['ratio'] == pytest.approx(result['numba_us'] / result['torch_us'])
+    assert all(value > 0 for value in result.values())
 
 
 def test_without_stable_baselines_the_comparison_is_skipped(
