@@ -360,6 +360,10 @@ class Training:
                 f'{self._checkpoint}: expected a training, got weights alone'
             )
         config = current_config(mapping(facts, 'config'))
+        own = config.get(self._name)
+        if isinstance(own, Mapping):
+            # What the checkpoint's version did not have yet was as the default is.
+            config[self._name] = {**type(self.controller.parameters)().to_dict(), **own}
         for name, expected in self._config.items():
             if name == INPUTS and name not in config:
                 continue  # of a version that did not tell
