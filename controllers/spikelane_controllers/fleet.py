@@ -30,7 +30,7 @@ PLACE_DTYPE = np.dtype(
         ('progress_m', '<f8'),
         ('section', '<i8'),  # of the lane
         ('laps', '<i8'),
-        ('events', '<i8'),  # that reached the controller
+        ('events', '<i8'),  # that came through the link, before filters
     ]
 )
 

@@ -38,7 +38,6 @@ class Motors(NamedTuple):
         decisions: Observations answered since the row was loaded, (n_robots,).
         inputs: Spikes of the inputs in the last step, and since the row was loaded, (n_robots, 2).
         distance_m: Distance in the observation answered last, (n_robots,).
-        n_events: Events in the observation to be answered, (n_robots,).
         chance: Addresses of the generators that inputs are drawn from, (n_robots,).
     """
 
@@ -51,7 +50,6 @@ class Motors(NamedTuple):
     decisions: NDArray[np.int64]
     inputs: NDArray[np.int64]
     distance_m: NDArray[np.float64]
-    n_events: NDArray[np.int64]
     chance: NDArray[np.uintp]
 
 
@@ -69,7 +67,6 @@ def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motor
         np.zeros(n_robots, np.int64),
         np.zeros((n_robots, 2), np.int64),
         np.zeros(n_robots),
-        np.zeros(n_robots, np.int64),
         generators.addresses,
     )
 
@@ -113,10 +110,9 @@ def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def look_at(motors, events, number, i):  # type: ignore[no-untyped-def]
-    """Let robot i's controller see the first events of a step."""
-    motors.n_events[i] = number
-    count_cells(events, number, motors.cells.crop_top, motors.cells.cell, motors.counts[i])
+def look_at(motors, events, i):  # type: ignore[no-untyped-def]
+    """Let robot i's controller see the events of a step."""
+    count_cells(events, len(events), motors.cells.crop_top, motors.cells.cell, motors.counts[i])
 
 
 @numba.njit(cache=True)
@@ -131,24 +127,23 @@ def drive_on(  # type: ignore[no-untyped-def]
     motors.distance_m[i] = known.distance_m
     journey.answers[i, k, 0], journey.answers[i, k, 1] = left, right
     if journey.places.shape[1] > 0:
-        _write_place(journey.places[i, k], robots.motion[i], known, motors.n_events[i])
+        _write_place(journey.places[i, k], robots.motion[i], known)
     if known.reason > 0:
         journey.has_ended[i] = True
         return False
     journey.distance_m[i] = known.distance_m
     journey.taken[i] = k + 1
-    number = simulate(world, robots, scratch, template, i, left, right)
-    look_at(motors, scratch.events, number, i)
+    look_at(motors, simulate(world, robots, scratch, template, i, left, right), i)
     return True
 
 
 @numba.njit(cache=True)
-def _write_place(place, motion, known, n_events):  # type: ignore[no-untyped-def]
+def _write_place(place, motion, known):  # type: ignore[no-untyped-def]
     """Write down where an observation was made, as a record of `PLACE_DTYPE`."""
     place['x_m'], place['y_m'], place['heading_rad'] = motion[X], motion[Y], motion[HEADING]
     place['distance_m'], place['heading_error_rad'] = known.distance_m, known.heading_error_rad
     place['position_m'], place['progress_m'] = known.position_m, known.progress_m
-    place['section'], place['laps'], place['events'] = known.section, known.laps, n_events
+    place['section'], place['laps'], place['events'] = known.section, known.laps, known.n_events
 
 
 @numba.njit(cache=True)
@@ -157,5 +152,5 @@ def repeat(  # type: ignore[no-untyped-def]
 ):
     """Drive robot i with answers (n, 2) that were given before."""
     for k in range(answers.shape[0]):
-        number = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
-        look_at(motors, scratch.events, number, i)
+        events = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
+        look_at(motors, events, i)

@@ -84,7 +84,6 @@ class SpikingFleet:
     def look(self, robot: int) -> None:
         """Let a controller see no events."""
         self._motors.counts[robot] = 0
-        self._motors.n_events[robot] = 0
 
     def repeat(self, robot: int, answers: NDArray[np.float64], scratch: Any) -> None:
         """Drive a robot with answers that were given before."""

@@ -93,6 +93,14 @@ class FilterStage:
         self._episodes = EpisodeWatch()
         self._latest_ns: int | None = None
 
+    def compiled(self) -> list[Any]:
+        """Return the filters, fresh from a reset, for the kernel of a fleet.
+
+        Each is a `kind.CompiledFilter`; all kinds must be compiled.
+        """
+        self.reset()
+        return [each.compiled() for each in self._filters]  # type: ignore[attr-defined]
+
     def reset(self) -> None:
         """Forget all events."""
         self._latest_ns = None

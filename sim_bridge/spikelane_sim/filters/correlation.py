@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
-from spikelane_sim.filters.kind import FilterKind, LONG_AGO_NS, Passes
+from spikelane_sim.filters.kind import (
+    CompiledFilter,
+    FilterKind,
+    LONG_AGO_NS,
+    Passes,
+    SUPPORT,
+)
 from spikelane_sim.parameters import parameter, Parameters
 
 
@@ -108,17 +114,22 @@ class CorrelationFilter:
         """Forget all events."""
         self._last_ns[:] = LONG_AGO_NS
 
+    def compiled(self) -> CompiledFilter:
+        """Return it for the kernel of a fleet."""
+        numbers = self._window_ns, self._supporters, self._reach
+        return CompiledFilter(SUPPORT, numbers, self._last_ns)
+
     def passes(self, events: Events) -> Passes:
         """Return which events have their supporters; see `EventFilter`."""
         found = np.empty(len(events), np.bool_)
-        _find_supported(
+        find_supported(
             events, self._last_ns, self._window_ns, self._supporters, self._reach, found
         )
         return found
 
 
 @numba.njit(cache=True)
-def _find_supported(
+def find_supported(
     events: Events,
     last_ns: NDArray[np.int64],
     window_ns: int,
@@ -159,5 +170,5 @@ def _nearest_neighbour(
     return CorrelationFilter(one, width, height)
 
 
-CORRELATION = FilterKind(CorrelationFilter, CorrelationParameters)
-NEAREST_NEIGHBOUR = FilterKind(_nearest_neighbour, NearestNeighbourParameters)
+CORRELATION = FilterKind(CorrelationFilter, CorrelationParameters, is_compiled=True)
+NEAREST_NEIGHBOUR = FilterKind(_nearest_neighbour, NearestNeighbourParameters, is_compiled=True)

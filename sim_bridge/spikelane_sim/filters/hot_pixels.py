@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.events import Events
 from spikelane_sim.files import write_json
-from spikelane_sim.filters.kind import FilterKind, Passes
+from spikelane_sim.filters.kind import CompiledFilter, FilterKind, MASK, Passes
 from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.parsing import read_json_file
@@ -162,16 +163,28 @@ class HotPixelFilter:
                 f'{parameters.file}: expected the hot pixels of a camera of {width} x {height} '
                 f'px, got those of one of {found.width} x {found.height} px'
             )
-        self._is_kept = np.ones((height, width), np.bool_)
-        self._is_kept[found.pixels[:, 1], found.pixels[:, 0]] = False
+        self._is_kept = np.ones((height, width), np.int64)
+        self._is_kept[found.pixels[:, 1], found.pixels[:, 0]] = 0
 
     def reset(self) -> None:
         """Hot pixels stay hot."""
 
+    def compiled(self) -> CompiledFilter:
+        """Return it for the kernel of a fleet."""
+        return CompiledFilter(MASK, (0, 0, 0), self._is_kept[None])
+
     def passes(self, events: Events) -> Passes:
         """Return which events are of other pixels; see `EventFilter`."""
-        kept: Passes = self._is_kept[events['y'], events['x']]
-        return kept
+        found = np.empty(len(events), np.bool_)
+        find_kept(events, self._is_kept, found)
+        return found
 
 
-HOT_PIXELS = FilterKind(HotPixelFilter, HotPixelParameters)
+@numba.njit(cache=True)
+def find_kept(events: Events, is_kept: NDArray[np.int64], found: Passes) -> None:
+    """Write which events are of pixels that are kept, which are 1."""
+    for number in range(len(events)):
+        found[number] = is_kept[events[number].y, events[number].x] != 0
+
+
+HOT_PIXELS = FilterKind(HotPixelFilter, HotPixelParameters, is_compiled=True)

@@ -23,6 +23,23 @@ LONG_AGO_NS = -(1 << 62)
 
 Passes = NDArray[np.bool_]
 
+#: What compiled filters do, by the numbers that the kernel of a fleet knows (`filters.compiled`).
+SUPPORT, REST, MASK = range(3)
+
+
+class CompiledFilter(NamedTuple):
+    """A filter for the kernel of a fleet.
+
+    Attributes:
+        does: SUPPORT, REST or MASK.
+        numbers: Window [ns], supporters and reach [px]; period [ns]; or none.
+        memory: What the filter keeps in mind where an episode begins, (maps, rows, columns).
+    """
+
+    does: int
+    numbers: tuple[int, int, int]
+    memory: NDArray[np.int64]
+
 
 class EventFilter(Protocol):
     """Lets some of a camera's events pass, event by event and causally."""
@@ -48,10 +65,13 @@ class FilterKind(NamedTuple):
         make: Makes a filter from its parameters, and width and height of the image [px]. It may
             raise a SpikelaneError.
         parameters_class: The filter's own parameters.
+        is_compiled: Whether its filters have a method `compiled` that returns a `CompiledFilter`;
+            a fleet refuses the others.
     """
 
     make: Callable[[Any, int, int], EventFilter]
     parameters_class: type[Parameters]
+    is_compiled: bool = False
 
 
 def filter_kinds() -> Mapping[str, FilterKind | str]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.events import Events
-from spikelane_sim.filters.kind import FilterKind, LONG_AGO_NS, Passes
+from spikelane_sim.filters.kind import CompiledFilter, FilterKind, LONG_AGO_NS, Passes, REST
 from spikelane_sim.parameters import parameter, Parameters
 
 
@@ -51,15 +51,19 @@ class RefractoryFilter:
         """Forget all events."""
         self._last_ns[:] = LONG_AGO_NS
 
+    def compiled(self) -> CompiledFilter:
+        """Return it for the kernel of a fleet."""
+        return CompiledFilter(REST, (self._period_ns, 0, 0), self._last_ns[None])
+
     def passes(self, events: Events) -> Passes:
         """Return which events come late enough; see `EventFilter`."""
         found = np.empty(len(events), np.bool_)
-        _find_late(events, self._last_ns, self._period_ns, found)
+        find_late(events, self._last_ns, self._period_ns, found)
         return found
 
 
 @numba.njit(cache=True)
-def _find_late(events: Events, last_ns: NDArray[np.int64], period_ns: int, found: Passes) -> None:
+def find_late(events: Events, last_ns: NDArray[np.int64], period_ns: int, found: Passes) -> None:
     """Write which events pass, and when each pixel had its last event."""
     for number in range(len(events)):
         event = events[number]
@@ -67,4 +71,4 @@ def _find_late(events: Events, last_ns: NDArray[np.int64], period_ns: int, found
         last_ns[event.y, event.x] = event.t
 
 
-REFRACTORY = FilterKind(RefractoryFilter, RefractoryParameters)
+REFRACTORY = FilterKind(RefractoryFilter, RefractoryParameters, is_compiled=True)

@@ -95,10 +95,10 @@ def hold(  # type: ignore[no-untyped-def]
         if not is_driving[i]:
             continue
         for _ in range(steps):
-            number = simulate(world, robots, scratch, template, i, wheels[i, 0], wheels[i, 1])
-            _count(cells, scratch.events, number, i)
+            events = simulate(world, robots, scratch, template, i, wheels[i, 0], wheels[i, 1])
+            _count(cells, events, len(events), i)
             if places.places.shape[2] > 0:
-                _put(places, world, scratch.events, number, i)
+                _put(places, world, events, len(events), i)
             if robots.known[i].reason > 0:
                 break
 

@@ -2,9 +2,9 @@
 
 What happens in a step is what `Simulator.step` does, in the same order and with the same
 functions: the command is admitted and carried, the robot moves, is located, its progress is
-followed, and what its camera sees becomes events. Robots share a `World`, and whatever changes is
-in row i of the arrays of `Robots`, so that robots can be simulated in any order and on any
-thread.
+followed, and what its camera sees becomes events, which filters let pass. Robots share a `World`,
+and whatever changes is in row i of the arrays of `Robots`, so that robots can be simulated in any
+order and on any thread.
 """
 
 from __future__ import annotations
@@ -27,9 +27,13 @@ from spikelane_sim.episode_rules import (
     Progress,
     start_at,
 )
+from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import EVENT_DTYPE, Events
+from spikelane_sim.filters.compiled import filter_events
 from spikelane_sim.fleet.generators import generator_at
 from spikelane_sim.pixels.coppelia import fire
+from spikelane_sim.pixels.crossings import cross_image, Crossings, deliver, emit, PixelArrays
+from spikelane_sim.pixels.esim import make_crossings
 from spikelane_sim.raster import render
 from spikelane_sim.robots.kinematic import drive_arc
 from spikelane_sim.robots.rigid import drive_step
@@ -53,6 +57,8 @@ ROBOT_DTYPE = np.dtype(
         ('reason', '<i8'),
         ('not_finite', '<i8'),  # commands
         ('clipped', '<i8'),  # commands
+        ('n_waiting', '<i8'),  # rows of `Robots.waiting` that count
+        ('n_events', '<i8'),  # in the last step, before the filters
         ('oldest', '<i8'),  # row of `Robots.commands` that is carried next
     ]
 )
@@ -69,10 +75,15 @@ class Robots(NamedTuple):
         known: Records of `ROBOT_DTYPE`, (n_robots,).
         motion: x, y [m], heading [rad], v [m/s], w [rad/s] and the wheels' angles [rad],
             (n_robots, 7).
-        poses: Poses of the body at the end of the last step, (n_robots, 1, 7).
+        poses: Poses of the body at the images of the last step, (n_robots, n_images, 7).
         planes: What was seen last, (n_robots, 2, height, words); of no size without bit planes.
-        reference: Reference of the pixels, (n_robots, height * width); empty with bit planes.
+        reference: Reference of the pixels, (n_robots, height * width); of no size
+            with bit planes and with `esim`.
         change: The same.
+        esim: What the pixels of `esim` are and remember, (n_robots, height * width) each; of no
+            size without.
+        waiting: Events of `esim` of times still to come, (n_robots, room).
+        memory: Of the filters, (n_robots, n_numbers).
         commands: On their way to the robots [rad/s], (n_robots, latency_steps, 2).
         noise: Addresses of the generators that noise comes from, (n_robots,).
         losses: The same of the generators that losses are drawn from.
@@ -84,6 +95,9 @@ class Robots(NamedTuple):
     planes: NDArray[np.uint64]
     reference: NDArray[np.float64]
     change: NDArray[np.float64]
+    esim: PixelArrays
+    waiting: Events
+    memory: NDArray[np.int64]
     commands: NDArray[np.float64]
     noise: NDArray[np.uintp]
     losses: NDArray[np.uintp]
@@ -96,6 +110,7 @@ class Scratch(NamedTuple):
     planes: NDArray[np.uint64]  # (2, height, words)
     events: Events  # (height * width,)
     polarity: NDArray[np.int8]  # of the events of a step; 0 between steps, (height * width,)
+    crossings: Crossings  # of `esim`
 
 
 def make_scratch(world: Any) -> Scratch:
@@ -107,13 +122,17 @@ def make_scratch(world: Any) -> Scratch:
         np.empty((2, world.height, -(-world.width // 64)), np.uint64),
         np.empty(size, EVENT_DTYPE),
         np.zeros(size, np.int8),
+        make_crossings(size if world.has_esim else 0),
     )
 
 
 @numba.njit(cache=True)
 def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-untyped-def]
-    """Place robot i at rest on the lane that is known of it, and let it see its first image."""
-    motion, pose = robots.motion[i], robots.poses[i, 0]
+    """Place robot i at rest on the lane that is known of it, and let it see its first image.
+
+    With `esim` the image is in `scratch.image`, for the pixels to look at.
+    """
+    motion, pose = robots.motion[i], robots.poses[i, -1]
     motion[:] = 0.0
     motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
     pose[:] = 0.0
@@ -122,10 +141,13 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
     pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
     robots.commands[i] = 0.0
     known = robots.known[i]
-    known.oldest = 0
+    known.oldest = known.n_waiting = known.n_events = 0
+    robots.memory[i] = world.filters.memory
     position_m = _locate(world, robots, i)
     _know(known, start_at(position_m))
-    _render(world, robots, scratch, i)
+    _render(world, scratch, known.course, pose)
+    if world.has_esim:
+        return
     if world.has_planes:
         robots.planes[i] = scratch.planes
         return
@@ -140,7 +162,7 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
 def simulate(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, i, left, right
 ):
-    """Drive robot i for a step; return how many of `scratch.events` it gives.
+    """Drive robot i for a step; return the events that reach its controller.
 
     Args:
         world: The `World`.
@@ -150,6 +172,9 @@ def simulate(  # type: ignore[no-untyped-def]
         i: Which robot.
         left: Velocity asked of the left wheel [rad/s].
         right: The same for the right wheel.
+
+    Raises:
+        SpikelaneError: More events wait for the latency of the pixels than there is room for.
     """
     known = robots.known[i]
     left, right, became = admit(left, right, world.max_wheel_velocity_rad_s)
@@ -169,14 +194,21 @@ def simulate(  # type: ignore[no-untyped-def]
     )
     length_m = world.lengths_m[known.lane]
     _know(known, follow(length_m, world.limits, last, position_m, known.distance_m))
-    number = _see(world, robots, scratch, i)
-    if world.noise_rate_hz > 0.0:
-        rng = generator_at(template, robots.noise[i])
-        number = _add_noise(world, rng, scratch, number)
+    if world.has_esim:
+        events = _see_changes(world, robots, scratch, template, i)
+    else:
+        number = _see(world, robots, scratch, i)
+        if world.noise_rate_hz > 0.0:
+            rng = generator_at(template, robots.noise[i])
+            number = _add_noise(world, rng, scratch, number, known.step)
+        events = scratch.events[:number]
     if world.event_loss > 0.0:
         rng = generator_at(template, robots.losses[i])
-        number = _lose(rng, scratch.events, number, world.event_loss)
-    return number
+        events = events[: _lose(rng, events, len(events), world.event_loss)]
+    known.n_events = len(events)
+    if len(world.filters.does) > 0:
+        events = events[: filter_events(world.filters, robots.memory[i], events)]
+    return events
 
 
 @numba.njit(cache=True)
@@ -233,39 +265,87 @@ def _locate(world, robots, i):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _render(world, robots, scratch, i):  # type: ignore[no-untyped-def]
-    """Draw what robot i sees."""
-    course, pose = robots.known[i].course, robots.poses[i, -1]
+def _render(world, scratch, course, pose):  # type: ignore[no-untyped-def]
+    """Draw what is seen of a course from a pose."""
     pieces = world.pieces[world.first_piece[course] : world.first_piece[course + 1]]
-    background, floor = world.intensities[course, 0], world.intensities[course, 1]
     if world.has_planes:
+        background, floor = world.intensities[course, 0], world.intensities[course, 1]
         render_planes(pieces, floor != background, world.lens, pose, world.width, scratch.planes)
     else:
-        marking = world.intensities[course, 2]
+        floor, marking = world.ground[course, 0], world.ground[course, 1]
         render(pieces, floor, marking, world.lens, pose, world.n_rows, scratch.image)
 
 
 @numba.njit(cache=True)
 def _see(world, robots, scratch, i):  # type: ignore[no-untyped-def]
-    """Write the events of what robot i sees; return how many."""
-    _render(world, robots, scratch, i)
+    """Write the events of what robot i sees; return how many.
+
+    Their time is that of the step's end since the episode began, as the filters want it.
+    """
+    known = robots.known[i]
+    _render(world, scratch, known.course, robots.poses[i, -1])
+    end_ns = (known.step + 1) * STEP_NS
     if world.has_planes:
-        intensities = world.intensities[robots.known[i].course]
-        return fire_planes(robots.planes[i], scratch.planes, intensities, 0, scratch.events)
+        intensities = world.intensities[known.course]
+        return fire_planes(robots.planes[i], scratch.planes, intensities, end_ns, scratch.events)
     return fire(
         scratch.image.ravel(),
         robots.reference[i],
         robots.change[i],
         world.threshold,
         world.dark_intensity,
-        0,
+        end_ns,
         world.width,
         scratch.events,
     )
 
 
 @numba.njit(cache=True)
-def _add_noise(world, rng, scratch, number):  # type: ignore[no-untyped-def]
+def _see_changes(world, robots, scratch, template, i):  # type: ignore[no-untyped-def]
+    """Return the events of the images that robot i sees in a step with `esim`."""
+    known, poses, rows = robots.known[i], robots.poses[i], robots.esim
+    pixels = PixelArrays(
+        rows.threshold_on[i],
+        rows.threshold_off[i],
+        rows.intensity[i],
+        rows.log_intensity[i],
+        rows.reference[i],
+        rows.last_event_us[i],
+    )
+    crossings, count, seen_us = scratch.crossings, 0, 0.0
+    for k in range(poses.shape[0]):
+        _render(world, scratch, known.course, poses[k])
+        time_us = (k + 1) * _STEP_US / poses.shape[0]
+        crossings, count = cross_image(
+            scratch.image.ravel(),
+            pixels,
+            world.esim.dark_intensity,
+            seen_us,
+            time_us,
+            crossings,
+            count,
+        )
+        seen_us = time_us
+    rng = generator_at(template, robots.noise[i])
+    # Time since the episode began; its first observation took one step.
+    start_us = known.step * _STEP_US
+    events = emit(world.esim, pixels, crossings, count, rng, 0, _STEP_US, start_us)
+    if world.esim.latency_us == 0:
+        return events
+    waiting = robots.waiting[i]
+    events, later = deliver(waiting[: known.n_waiting], events, (start_us + _STEP_US) * 1000)
+    if len(later) > len(waiting):
+        raise SpikelaneError(
+            'pixels.esim.latency_s: expected fewer events waiting than a fleet has room for'
+        )
+    for k in range(len(later)):
+        waiting[k] = later[k]
+    known.n_waiting = len(later)
+    return events
+
+
+@numba.njit(cache=True)
+def _add_noise(world, rng, scratch, number, step):  # type: ignore[no-untyped-def]
     """Add noise where no pixel has fired, as `CoppeliaPixels` does; return how many events.
 
     The draws are those of `noise.draw_shot`, one by one.
@@ -279,6 +359,7 @@ def _add_noise(world, rng, scratch, number):  # type: ignore[no-untyped-def]
     polarity = 2 * rng.integers(0, 2, drawn) - 1
     rng.random(drawn)
     events, taken = scratch.events, scratch.polarity
+    end_ns = (step + 1) * STEP_NS
     for k in range(number):
         taken[np.int64(events[k].y) * world.width + np.int64(events[k].x)] = events[k].polarity
     for k in range(drawn):
@@ -291,7 +372,7 @@ def _add_noise(world, rng, scratch, number):  # type: ignore[no-untyped-def]
         for x in range(world.width):
             if row[x] != 0:
                 event = events[number]
-                event['t'], event['x'], event['y'], event['polarity'] = 0, x, y, row[x]
+                event['t'], event['x'], event['y'], event['polarity'] = end_ns, x, y, row[x]
                 row[x] = 0
                 number += 1
     return number

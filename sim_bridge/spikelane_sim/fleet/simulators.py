@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import words_of
-from spikelane_sim.contract import LaneState, link_rng, simulator_rng
+from spikelane_sim.contract import LaneState, link_rng, simulator_rng, STEP_NS, STEP_S
 from spikelane_sim.course import Course, load_course
 from spikelane_sim.episode_rules import check_beginning, REASONS
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.events import EVENT_DTYPE
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.fleet.generators import Generators
 from spikelane_sim.fleet.kernel import (
     begin,
@@ -23,6 +26,8 @@ from spikelane_sim.fleet.kernel import (
     TURN,
 )
 from spikelane_sim.fleet.world import ENGINES, make_world, World
+from spikelane_sim.pixels.crossings import PixelArrays
+from spikelane_sim.pixels.esim import EsimPixels
 from spikelane_sim.robots import KINEMATIC
 from spikelane_sim.simulator import CommandCounts
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -51,9 +56,9 @@ class _Episode(NamedTuple):
 class SimulatorFleet:
     """N robots, each in a simulation of its own.
 
-    Robot i does what `Simulator` does with the same parameters, course and seeds, bit for bit,
-    whatever the others do. Its steps are taken by kernels that are given `world`, `robots` and i
-    (`kernel.simulate`); here robots are reset and asked for what they know.
+    Robot i does what `Simulator` and filters do with the same parameters, course and seeds, bit
+    for bit, whatever the others do. Its steps are taken by kernels that are given `world`,
+    `robots` and i (`kernel.simulate`); here robots are reset and asked for what they know.
 
     Attributes:
         parameters: Parameters of all robots, except their courses.
@@ -69,6 +74,7 @@ class SimulatorFleet:
         parameters: SimulatorParameters | None = None,
         *,
         courses: Sequence[str] | None = None,
+        filters: FilterParameters | None = None,
     ) -> None:
         """Make robots that have not begun an episode.
 
@@ -76,6 +82,7 @@ class SimulatorFleet:
             n_robots: How many, at least 1.
             parameters: Parameters of all robots; None for the defaults.
             courses: Each robot's own, as `SimulatorParameters.course`; None for the parameters'.
+            filters: Filters of all robots' events; None for no filter.
 
         Raises:
             SpikelaneError: A fleet cannot simulate this, or the numbers of robots and courses
@@ -90,11 +97,18 @@ class SimulatorFleet:
         distinct = list(dict.fromkeys(names))
         self._courses = [load_course(name) for name in distinct]
         self._lane_names = [name for course in self._courses for name in course.lanes]
-        self.world = make_world(self.parameters, self._courses)
+        self.world = make_world(self.parameters, self._courses, filters or FilterParameters())
         self.noise, self.losses = Generators(n_robots), Generators(n_robots)
         self.robots = _make_robots(self.world, n_robots, self.noise, self.losses)
         self.robots.known['course'] = [distinct.index(name) for name in names]
         self._scratch = make_scratch(self.world)
+        camera = self.parameters.camera
+        # Looks at the first image of each episode, for whichever robot.
+        self._pixels = (
+            EsimPixels(self.parameters.pixels.esim, camera.width, camera.height)
+            if self.world.has_esim
+            else None
+        )
         self._episodes: list[_Episode | None] = [None] * n_robots
 
     def __len__(self) -> int:
@@ -133,12 +147,14 @@ class SimulatorFleet:
             index = 0 if seed is not None or before is None else (last + 1) % len(names)
         self._episodes[robot] = now
         known['lane'][robot] = first + index
-        if self.world.noise_rate_hz:
+        if self.world.noise_rate_hz or self.world.has_esim:
             self.noise[robot] = simulator_rng(*now)
         if self.world.event_loss:
             self.losses[robot] = link_rng(*now)
         start = self.world.starts[first + index]
         begin(self.world, self.robots, self._scratch, robot, *start)
+        if self._pixels is not None:
+            self._see_first(self._pixels, robot)
         return self.lane_state(robot)
 
     def has_begun(self, robot: int) -> bool:
@@ -214,6 +230,14 @@ class SimulatorFleet:
         ended: NDArray[np.bool_] = self.robots.known['reason'] > 0
         return ended
 
+    def _see_first(self, pixels: EsimPixels, robot: int) -> None:
+        """Let the pixels of a robot see its first image."""
+        pixels.reset(self.noise[robot])
+        pixels.step(self._scratch.image[None], 0, STEP_NS)
+        rows: tuple[NDArray[Any], ...] = self.robots.esim
+        for row, values in zip(rows, pixels.pixels, strict=True):
+            row[robot] = values
+
     def _episode(self, robot: int) -> _Episode:
         found = self._episodes[robot]
         if found is None:
@@ -223,15 +247,42 @@ class SimulatorFleet:
 
 def _make_robots(world: World, n_robots: int, noise: Generators, losses: Generators) -> Robots:
     planes = (2, world.height, words_of(world.width)) if world.has_planes else (0, 0, 0)
-    pixels = 0 if world.has_planes else world.height * world.width
+    size = world.height * world.width
+    pixels = 0 if world.has_planes or world.has_esim else size
+    esim = (n_robots, size if world.has_esim else 0)
     return Robots(
         known=np.zeros(n_robots, ROBOT_DTYPE),
         motion=np.zeros((n_robots, 7)),
-        poses=np.zeros((n_robots, 1, 7)),
+        poses=np.zeros((n_robots, world.n_images, 7)),
         planes=np.zeros((n_robots, *planes), np.uint64),
         reference=np.zeros((n_robots, pixels)),
         change=np.zeros((n_robots, pixels)),
+        esim=PixelArrays(
+            threshold_on=np.zeros(esim),
+            threshold_off=np.zeros(esim),
+            intensity=np.zeros(esim, np.float32),
+            log_intensity=np.zeros(esim),
+            reference=np.zeros(esim),
+            last_event_us=np.zeros(esim, np.int64),
+        ),
+        waiting=np.zeros((n_robots, _most_waiting(world)), EVENT_DTYPE),
+        memory=np.zeros((n_robots, len(world.filters.memory)), np.int64),
         commands=np.zeros((n_robots, world.latency_steps, 2)),
         noise=noise.addresses,
         losses=losses.addresses,
     )
+
+
+def _most_waiting(world: World) -> int:
+    """Return room for the events that wait for the latency of the pixels.
+
+    That is for two of each pixel and step, and noise of 20 standard deviations above its mean.
+    """
+    esim = world.esim
+    if not (world.has_esim and esim.latency_us):
+        return 0
+    size = world.height * world.width
+    rate_hz = (esim.leak_rate_hz + esim.shot_rate_hz) * size + esim.hot_rate_hz * len(esim.hot)
+    steps = -(-esim.latency_us * 1000 // STEP_NS)
+    noise = rate_hz * STEP_S * steps
+    return int(2 * size * steps + noise + 20 * math.sqrt(noise + 1))

@@ -124,6 +124,11 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
             raise NotInKernelError(f'render_mode: expected None, got {render_mode}')
         if filters and filters.get('chain'):
             raise NotInKernelError(f'filters: expected none, got {dict(filters)}')
+        if parameters.pixels.model != 'coppelia':
+            raise NotInKernelError(
+                f'pixels.model: expected coppelia in many environments, '
+                f'got {parameters.pixels.model}'
+            )
         try:
             self._fleet = SimulatorFleet(num_envs, parameters)
         except ParameterError as error:

@@ -12,6 +12,10 @@ from spikelane_sim.bit_planes import fires_always
 from spikelane_sim.camera import ANTIALIAS_ROWS, Camera
 from spikelane_sim.course import Course
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
+from spikelane_sim.filters.compiled import Chain, check_chain, make_chain
+from spikelane_sim.pixels.crossings import Constants
+from spikelane_sim.pixels.esim import esim_constants
 from spikelane_sim.robots import KINEMATIC, RIGID
 from spikelane_sim.robots.rigid import RigidBody, RigidDrive
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -50,7 +54,9 @@ class World(NamedTuple):
         first_lane: First lane of each course, and the end of the last one's, (n_courses + 1,).
         lengths_m: Lengths of the lanes, (n_lanes,).
         starts: x, y [m] and heading [rad] where robots start on the lanes, (n_lanes, 3).
-        intensities: Intensities of background, floor and marking on each course, (n_courses, 3).
+        intensities: Intensities of background, floor and marking on each course, as an image has
+            them, (n_courses, 3).
+        ground: Intensities of floor and marking, as `render` is given them, (n_courses, 2).
         lens: The camera, with the columns of `raster`, (12,).
         n_rows: Scanlines per row of pixels.
         width: Columns of the image [px].
@@ -65,6 +71,10 @@ class World(NamedTuple):
         threshold: Parameter of the pixels, as are the next two.
         dark_intensity: See `CoppeliaParameters`.
         noise_rate_hz: See `CoppeliaParameters`.
+        has_esim: Whether the pixels are those of `esim`.
+        esim: What these have in common.
+        n_images: Images that are rendered for a step.
+        filters: Filters of the events.
         event_loss: Share of events that are lost.
         latency_steps: From an observation to its command, beyond the usual.
     """
@@ -77,6 +87,7 @@ class World(NamedTuple):
     lengths_m: NDArray[np.float64]
     starts: NDArray[np.float64]
     intensities: NDArray[np.float64]
+    ground: NDArray[np.float64]
     lens: NDArray[np.float64]
     n_rows: int
     width: int
@@ -91,25 +102,35 @@ class World(NamedTuple):
     threshold: float
     dark_intensity: float
     noise_rate_hz: float
+    has_esim: bool
+    esim: Constants
+    n_images: int
+    filters: Chain
     event_loss: float
     latency_steps: int
 
 
-def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> World:
+def make_world(
+    parameters: SimulatorParameters, courses: Sequence[Course], filters: FilterParameters
+) -> World:
     """Return what the robots of a fleet share.
 
     Args:
         parameters: Parameters of the simulation; its course has no effect.
         courses: On which the robots drive, at least one.
+        filters: Filters of the events.
 
     Raises:
-        ParameterError: A fleet cannot simulate this; the message names the parameter.
+        SpikelaneError: A fleet cannot simulate this, or a filter cannot be made; the message
+            names the parameter.
     """
-    check_world(parameters)
+    check_world(parameters, filters)
+    n_images = parameters.pixels.images_per_step
+    has_esim = parameters.pixels.model == 'esim'
     lanes = [lane for course in courses for lane in course.lanes.values()]
     camera, robot = parameters.camera, parameters.robot
     pixels, rules = parameters.pixels.coppelia, parameters.episode
-    rigid = RigidDrive(robot) if robot.engine == RIGID else None
+    rigid = RigidDrive(robot, n_images) if robot.engine == RIGID else None
     intensities = [
         (camera.background_intensity, each.ground.floor_intensity, each.ground.marking_intensity)
         for each in courses
@@ -123,11 +144,12 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
         lengths_m=np.array([lane.length_m for lane in lanes]),
         starts=np.array([lane.start for lane in lanes]),
         intensities=np.array(intensities, np.float32).astype(np.float64),
+        ground=np.array([each[1:] for each in intensities]),
         lens=Camera(camera, courses[0]).lens,
         n_rows=ANTIALIAS_ROWS if camera.antialias else 1,
         width=camera.width,
         height=camera.height,
-        has_planes=not camera.antialias
+        has_planes=not (camera.antialias or has_esim)
         and all(
             fires_always(*each, pixels.threshold, pixels.dark_intensity) for each in intensities
         ),
@@ -146,12 +168,16 @@ def make_world(parameters: SimulatorParameters, courses: Sequence[Course]) -> Wo
         threshold=pixels.threshold,
         dark_intensity=pixels.dark_intensity,
         noise_rate_hz=pixels.noise_rate_hz,
+        has_esim=has_esim,
+        esim=esim_constants(parameters.pixels.esim, camera.width, camera.height),
+        n_images=n_images,
+        filters=make_chain(filters, camera.width, camera.height),
         event_loss=parameters.link.event_loss,
         latency_steps=parameters.link.latency_steps,
     )
 
 
-def check_world(parameters: SimulatorParameters) -> None:
+def check_world(parameters: SimulatorParameters, filters: FilterParameters) -> None:
     """Check that the kernel has what parameters ask for.
 
     Raises:
@@ -162,10 +188,7 @@ def check_world(parameters: SimulatorParameters) -> None:
         raise ParameterError(
             f'robot.engine: expected {" or ".join(ENGINES)} in a fleet, got {engine}'
         )
-    if parameters.pixels.model != 'coppelia':
-        raise ParameterError(
-            f'pixels.model: expected coppelia in a fleet, got {parameters.pixels.model}'
-        )
+    check_chain(filters)
 
 
 def _bounds(sizes: Sequence[int]) -> NDArray[np.int64]:

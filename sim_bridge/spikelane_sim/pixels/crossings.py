@@ -1,6 +1,7 @@
 """The compiled part of the `esim` pixels: where logarithmic intensities cross thresholds.
 
-What the model is and what bounds it is said in `esim.py`.
+The single simulator and the kernel of a fleet call the same functions. What the model is and what
+bounds it is said in `esim.py`.
 """
 
 from __future__ import annotations
@@ -12,8 +13,23 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.events import Events
+from spikelane_sim.events import EVENT_DTYPE, Events
 from spikelane_sim.pixels.images import lowest_bit, WORD_PIXELS
+from spikelane_sim.pixels.noise import draw_hot, draw_leak, draw_shot
+
+
+class Constants(NamedTuple):
+    """What all pixels have in common; see `EsimParameters`."""
+
+    dark_intensity: float
+    leak_rate_hz: float
+    shot_rate_hz: float
+    shot_bright_factor: float
+    hot_rate_hz: float
+    hot: NDArray[np.int64]  # the hot pixels, row * width + column, (M,)
+    latency_us: int
+    refractory_us: int
+    width: int  # columns of the image [px]
 
 
 class PixelArrays(NamedTuple):
@@ -41,6 +57,28 @@ def _changed(image: NDArray[np.float32], before: NDArray[np.float32], pixels: in
     for i in range(pixels):
         word |= np.uint64(image[i] != before[i]) << np.uint64(i)
     return word
+
+
+@numba.njit(cache=True)
+def cross_image(  # type: ignore[no-untyped-def]
+    image, pixels, dark_intensity, from_us, to_us, crossings, count
+):
+    """Move pixels from the last image to this one, whatever room the crossings need.
+
+    Returns:
+        The crossings, in larger arrays where there was no more room, and how many there are.
+    """
+    while True:
+        count, is_done = cross_thresholds(
+            image, pixels, dark_intensity, from_us, to_us, crossings, count
+        )
+        if is_done:
+            return crossings, count
+        room = 2 * len(crossings.keys)
+        larger = Crossings(np.empty(room, np.int64), np.empty(room, np.int8))
+        larger.keys[:count] = crossings.keys[:count]
+        larger.polarity[:count] = crossings.polarity[:count]
+        crossings = larger
 
 
 @numba.njit(cache=True)
@@ -119,28 +157,76 @@ def _log_intensity(intensity: np.float32, dark_intensity: float) -> float:
 
 
 @numba.njit(cache=True)
-def write_events(
-    crossings: Crossings,
-    last_event_us: NDArray[np.int64],
-    start_us: int,
-    latency_us: int,
-    refractory_us: int,
-    width: int,
-    events: Events,
-) -> int:
+def emit(  # type: ignore[no-untyped-def]
+    constants, pixels, crossings, count, rng, noise_from_us, step_us, start_us
+):
+    """Return all events of a step in canonical order, noise included.
+
+    Args:
+        constants: The `Constants`.
+        pixels: The `PixelArrays` after the last image of the step.
+        crossings: The crossings of the step.
+        count: How many there are.
+        rng: Where noise comes from.
+        noise_from_us: From when on there is noise, after the step's start [us].
+        step_us: Duration of the step [us].
+        start_us: Time of its start [us].
+    """
+    size, seen, until_us = pixels.reference.size, pixels.intensity, step_us
+    rates = constants
+    leak = draw_leak(rng, rates.leak_rate_hz, size, noise_from_us, until_us)
+    shot = draw_shot(
+        rng, rates.shot_rate_hz, rates.shot_bright_factor, seen, noise_from_us, until_us
+    )
+    hot = draw_hot(rng, rates.hot_rate_hz, rates.hot, noise_from_us, until_us)
+    t_us = np.concatenate((leak.t_us, shot.t_us, hot.t_us))
+    pixel = np.concatenate((leak.pixel, shot.pixel, hot.pixel))
+    keys = np.concatenate((crossings.keys[:count], t_us * size + pixel))
+    polarity = np.concatenate(
+        (crossings.polarity[:count], leak.polarity, shot.polarity, hot.polarity)
+    )
+    order = np.argsort(keys, kind='mergesort')  # a stable order
+    events = np.empty(len(keys), EVENT_DTYPE)
+    number = _write_events(
+        Crossings(keys[order], polarity[order]), pixels.last_event_us, start_us, constants, events
+    )
+    return events[:number]
+
+
+@numba.njit(cache=True)
+def _write_events(  # type: ignore[no-untyped-def]
+    crossings, last_event_us, start_us, constants, events
+):
     """Write crossings as events, but those of pixels at rest; return how many."""
-    pixels = last_event_us.size
+    pixels, width = last_event_us.size, constants.width
     number = 0
     for i in range(crossings.keys.size):
         pixel = crossings.keys[i] % pixels
         t_us = start_us + crossings.keys[i] // pixels
-        if t_us - last_event_us[pixel] < refractory_us:
+        if t_us - last_event_us[pixel] < constants.refractory_us:
             continue
         last_event_us[pixel] = t_us
         event = events[number]
-        event['t'] = (t_us + latency_us) * 1000
+        event['t'] = (t_us + constants.latency_us) * 1000
         event['x'] = pixel % width
         event['y'] = pixel // width
         event['polarity'] = crossings.polarity[i]
         number += 1
     return number
+
+
+@numba.njit(cache=True)
+def deliver(waiting: Events, events: Events, end_ns: int) -> tuple[Events, Events]:
+    """Return the events up to end_ns, and the later ones, which wait.
+
+    Args:
+        waiting: Events that waited, older than all that are new by at least a microsecond.
+        events: The new ones.
+        end_ns: Time after the step [ns].
+    """
+    both = np.empty(len(waiting) + len(events), EVENT_DTYPE)
+    due = 0
+    for i in range(len(both)):
+        both[i] = waiting[i] if i < len(waiting) else events[i - len(waiting)]
+        due += both[i].t <= end_ns
+    return both[:due].copy(), both[due:].copy()

@@ -27,16 +27,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.events import EVENT_DTYPE, Events, no_events
+from spikelane_sim.events import Events, no_events
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.pixels.crossings import (
-    cross_thresholds,
+    Constants,
+    cross_image,
     Crossings,
+    deliver,
+    emit,
     PixelArrays,
-    write_events,
 )
 from spikelane_sim.pixels.images import check_images, check_times, no_reset
-from spikelane_sim.pixels.noise import draw_hot, draw_leak, draw_shot
 
 #: Smallest contrast threshold that the spread can give a pixel (ESIM).
 LEAST_THRESHOLD = 0.01
@@ -128,7 +129,7 @@ class EsimPixels:
 
     Attributes:
         pixels: What each pixel is and remembers.
-        hot: The hot pixels, row * width + column, (M,).
+        constants: What they have in common.
         pending: Events of times still to come, in canonical order.
         seen_until_ns: Time of the last image [ns], None before the first one.
     """
@@ -146,15 +147,11 @@ class EsimPixels:
             reference=np.zeros(size),
             last_event_us=np.zeros(size, np.int64),
         )
-        chosen = np.random.default_rng(parameters.hot_seed).permutation(size)
-        self.hot = np.sort(chosen[: round(parameters.hot_share * size)])
+        self.constants = esim_constants(parameters, width, height)
         self.pending: Events = no_events()
         self.seen_until_ns: int | None = None
         self._rng: np.random.Generator | None = None
-        self._latency_us = round(parameters.latency_s * 1e6)
-        self._refractory_us = round(parameters.refractory_s * 1e6)
-        room = max(2 * size, 4096)  # grows where a step needs more
-        self._crossings = Crossings(np.empty(room, np.int64), np.empty(room, np.int8))
+        self._crossings = make_crossings(size)
 
     @property
     def images_per_step(self) -> int:
@@ -191,11 +188,25 @@ class EsimPixels:
         noise_from_us = round(seen_us)
         count = 0
         for image, time_us in zip(flat, times_us.tolist(), strict=True):
-            count = self._cross(image, seen_us, time_us, count)
+            dark = self.parameters.dark_intensity
+            self._crossings, count = cross_image(
+                image, self.pixels, dark, seen_us, time_us, self._crossings, count
+            )
             seen_us = time_us
         self.seen_until_ns = end_ns
-        noise = self._draw_noise(rng, noise_from_us, step_us)
-        return self._deliver(self._merge(count, noise, start_ns // 1000), end_ns)
+        events: Events = emit(
+            self.constants,
+            self.pixels,
+            self._crossings,
+            count,
+            rng,
+            noise_from_us,
+            step_us,
+            start_ns // 1000,
+        )
+        if self.constants.latency_us:
+            events, self.pending = deliver(self.pending, events, end_ns)
+        return events
 
     def _check(
         self, images: NDArray[np.float32], start_ns: int, end_ns: int
@@ -221,55 +232,24 @@ class EsimPixels:
         self.pixels.log_intensity[:] = np.log(seen + self.parameters.dark_intensity)
         self.pixels.reference[:] = self.pixels.log_intensity
 
-    def _cross(self, image: NDArray[np.float32], from_us: float, to_us: float, count: int) -> int:
-        """Add the crossings from the last image to this one, return how many there are now."""
-        dark = self.parameters.dark_intensity
-        while True:
-            count, is_done = cross_thresholds(
-                image, self.pixels, dark, from_us, to_us, self._crossings, count
-            )
-            if is_done:
-                return count
-            keys, polarity = self._crossings
-            self._crossings = Crossings(
-                np.resize(keys, 2 * len(keys)), np.resize(polarity, 2 * len(polarity))
-            )
 
-    def _draw_noise(self, rng: np.random.Generator, start_us: int, end_us: int) -> Crossings:
-        """Draw the step's noise events."""
-        given = self.parameters
-        seen = self.pixels.intensity
-        leak = draw_leak(rng, given.leak_rate_hz, seen.size, start_us, end_us)
-        shot = draw_shot(rng, given.shot_rate_hz, given.shot_bright_factor, seen, start_us, end_us)
-        hot = draw_hot(rng, given.hot_rate_hz, self.hot, start_us, end_us)
-        t_us = np.concatenate([leak.t_us, shot.t_us, hot.t_us])
-        pixel = np.concatenate([leak.pixel, shot.pixel, hot.pixel])
-        polarity = np.concatenate([leak.polarity, shot.polarity, hot.polarity])
-        return Crossings(t_us * seen.size + pixel, polarity)
+def esim_constants(parameters: EsimParameters, width: int, height: int) -> Constants:
+    """Return what the pixels of a sensor of this size [px] have in common, as numbers."""
+    chosen = np.random.default_rng(parameters.hot_seed).permutation(width * height)
+    return Constants(
+        dark_intensity=parameters.dark_intensity,
+        leak_rate_hz=parameters.leak_rate_hz,
+        shot_rate_hz=parameters.shot_rate_hz,
+        shot_bright_factor=parameters.shot_bright_factor,
+        hot_rate_hz=parameters.hot_rate_hz,
+        hot=np.sort(chosen[: round(parameters.hot_share * width * height)]),
+        latency_us=round(parameters.latency_s * 1e6),
+        refractory_us=round(parameters.refractory_s * 1e6),
+        width=width,
+    )
 
-    def _merge(self, count: int, noise: Crossings, start_us: int) -> Events:
-        """Return crossings and noise in canonical order, without the refractory ones."""
-        keys = np.concatenate([self._crossings.keys[:count], noise.keys])
-        polarity = np.concatenate([self._crossings.polarity[:count], noise.polarity])
-        order = np.argsort(keys, kind='stable')
-        events = np.empty(len(keys), EVENT_DTYPE)
-        emitted = write_events(
-            Crossings(keys[order], polarity[order]),
-            self.pixels.last_event_us,
-            start_us,
-            self._latency_us,
-            self._refractory_us,
-            self.width,
-            events,
-        )
-        return events[:emitted]
 
-    def _deliver(self, events: Events, end_ns: int) -> Events:
-        """Return the events up to end_ns, keep the later ones."""
-        if self._latency_us == 0:
-            return events
-        # In order: what was pending is older than all that is new by at least a microsecond.
-        waiting = np.concatenate([self.pending, events])
-        due = int(np.searchsorted(waiting['t'], end_ns, side='right'))
-        self.pending = waiting[due:].copy()
-        return waiting[:due].copy()
+def make_crossings(pixels: int) -> Crossings:
+    """Return room for the crossings of so many pixels, which grows where a step needs more."""
+    room = max(2 * pixels, 4096)
+    return Crossings(np.empty(room, np.int64), np.empty(room, np.int8))

@@ -2,12 +2,14 @@
 
 All pixels' noise of a step is drawn at once: a Poisson number for the whole sensor, each event
 then put on any pixel at any time. That is the same as an independent Poisson process per pixel.
+The functions are compiled, and draw the numbers that NumPy draws.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ class NoiseEvents(NamedTuple):
     polarity: NDArray[np.int8]  # +1 or -1
 
 
+@numba.njit(cache=True)
 def draw_leak(
     rng: np.random.Generator, rate_hz: float, pixels: int, start_us: int, end_us: int
 ) -> NoiseEvents:
@@ -36,6 +39,7 @@ def draw_leak(
     return NoiseEvents(t_us, pixel, np.ones(len(t_us), np.int8))
 
 
+@numba.njit(cache=True)
 def draw_shot(
     rng: np.random.Generator,
     rate_hz: float,
@@ -58,12 +62,23 @@ def draw_shot(
     """
     t_us, pixel = _draw(rng, rate_hz, intensity.size, start_us, end_us)
     polarity = (2 * rng.integers(0, 2, len(t_us)) - 1).astype(np.int8)
-    # Drawn at the rate in the dark, thinned where it is brighter.
-    share = 1.0 + (bright_factor - 1.0) * np.clip(intensity[pixel], 0.0, 1.0)
-    does_fire = rng.random(len(t_us)) < share
-    return NoiseEvents(t_us[does_fire], pixel[does_fire], polarity[does_fire])
+    drawn = rng.random(len(t_us))
+    # Drawn at the rate in the dark, thinned where it is brighter; all shares are float32.
+    slope = np.float32(bright_factor - 1.0)
+    number = 0
+    for i in range(len(t_us)):
+        seen = intensity[pixel[i]]
+        if seen < 0.0:
+            seen = np.float32(0.0)
+        elif seen > 1.0:
+            seen = np.float32(1.0)
+        if drawn[i] < np.float32(1.0) + slope * seen:
+            t_us[number], pixel[number], polarity[number] = t_us[i], pixel[i], polarity[i]
+            number += 1
+    return NoiseEvents(t_us[:number], pixel[:number], polarity[:number])
 
 
+@numba.njit(cache=True)
 def draw_hot(
     rng: np.random.Generator,
     rate_hz: float,
@@ -80,18 +95,19 @@ def draw_hot(
         start_us: Start of the interval, itself excluded [us].
         end_us: End of the interval, included [us].
     """
-    if not len(hot):
+    if len(hot) == 0:
         return NoiseEvents(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int8))
     t_us, which = _draw(rng, rate_hz, len(hot), start_us, end_us)
     polarity = (2 * rng.integers(0, 2, len(t_us)) - 1).astype(np.int8)
     return NoiseEvents(t_us, hot[which], polarity)
 
 
+@numba.njit(cache=True)
 def _draw(
     rng: np.random.Generator, rate_hz: float, pixels: int, start_us: int, end_us: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     number = rng.poisson(rate_hz * pixels * (end_us - start_us) * 1e-6)
-    if not number:  # also where the interval is empty and has no times to draw from
+    if number == 0:  # also where the interval is empty and has no times to draw from
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    t_us = rng.integers(start_us, end_us, number, endpoint=False) + 1
+    t_us = rng.integers(start_us, end_us, number) + 1
     return t_us, rng.integers(0, pixels, number)

@@ -10,6 +10,7 @@ from spikelane.loop import drive_episode
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import controller_rng, LaneState
 from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -22,11 +23,24 @@ NOISY = {
     'link.latency_ms': 50,
     'camera.antialias': True,
 }
+REAL = {
+    'robot.engine': 'kinematic',
+    'episode.max_distance_m': 0.2,
+    'pixels.model': 'esim',
+    'pixels.esim.shot_rate_hz': 1.0,
+    'camera.antialias': True,
+}
+CORRELATION = {'chain': 'refractory, correlation', 'correlation.window_s': 0.005}
 SEEDS = (3, 4, 5)
 
 
 def drive_alone(
-    name: str, seed: int, simulator: dict[str, Any], parameters: dict[str, Any], steps: int
+    name: str,
+    seed: int,
+    simulator: dict[str, Any],
+    parameters: dict[str, Any],
+    filters: dict[str, Any],
+    steps: int,
 ) -> tuple[Any, list[LaneState]]:
     """Do what a training does, observation by observation; return the controller and the ends."""
     controller: Any = make_controller(name, parameters)
@@ -34,11 +48,12 @@ def drive_alone(
         controller.initialise(controller_rng(seed, 0))
     ends: list[LaneState] = []
     taken = 0
+    stage = FilterStage(FilterParameters.from_mapping(filters, 'filter'), 128, 128)
     with Simulator(SimulatorParameters.from_mapping(simulator, 'simulator')) as single:
         observation = single.reset(None, seed)
         controller.reset(controller_rng(seed, 1))
         while taken < steps:
-            wheels = controller.step(observation)
+            wheels = controller.step(stage.observe(observation))
             lane = observation.lane
             assert lane is not None
             if lane.terminated:
@@ -52,33 +67,52 @@ def drive_alone(
 
 
 @pytest.mark.parametrize(
-    ('name', 'parameters', 'simulator'),
+    ('name', 'parameters', 'simulator', 'filters'),
     [
         pytest.param(
             'rstdp',
             LEARNING,
             {'robot.engine': 'kinematic', 'episode.max_distance_m': 0.2},
+            {},
             id='learning',
         ),
-        pytest.param('rstdp', LEARNING, NOISY, id='learning with noise'),
-        pytest.param('rstdp', {}, {'robot.engine': 'rigid', 'course': 'random:3'}, id='trained'),
+        pytest.param('rstdp', LEARNING, NOISY, {}, id='learning with noise'),
+        pytest.param('rstdp', LEARNING, REAL, CORRELATION, id='learning with filters'),
         pytest.param(
-            'braitenberg', {}, {'robot.engine': 'rigid', 'episode.max_steps': 700}, id='by hand'
+            'rstdp', {}, {'robot.engine': 'rigid', 'course': 'random:3'}, {}, id='trained'
+        ),
+        pytest.param(
+            'braitenberg',
+            {},
+            {'robot.engine': 'rigid', 'episode.max_steps': 700},
+            {'chain': 'nearest_neighbour'},
+            id='by hand',
         ),
     ],
 )
 @pytest.mark.parametrize('threads', [1, 2])
 def test_each_robot_drives_as_alone(
-    name: str, parameters: dict[str, Any], simulator: dict[str, Any], threads: int
+    name: str,
+    parameters: dict[str, Any],
+    simulator: dict[str, Any],
+    filters: dict[str, Any],
+    threads: int,
 ) -> None:
     """Ends of episodes, and all that the controllers are afterwards."""
-    with Fleet(name, SEEDS, simulator=simulator, parameters=parameters, threads=threads) as fleet:
+    with Fleet(
+        name,
+        SEEDS,
+        simulator=simulator,
+        parameters=parameters,
+        filters=filters,
+        threads=threads,
+    ) as fleet:
         fleet.initialise()
         # In two parts: where one ends makes no difference.
         ends = [*fleet.drive(777), *fleet.drive(723)]
         assert fleet.steps.tolist() == [1500] * len(SEEDS)
         for robot, seed in enumerate(SEEDS):
-            alone, expected = drive_alone(name, seed, simulator, parameters, 1500)
+            alone, expected = drive_alone(name, seed, simulator, parameters, filters, 1500)
             assert [end.lane_state for end in ends if end.robot == robot] == expected
             together = fleet.controller(robot)
             assert together.rng.bit_generator.state == alone.rng.bit_generator.state

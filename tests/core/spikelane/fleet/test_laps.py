@@ -23,6 +23,12 @@ NOISY = {
     'simulator.camera.antialias': True,
     'simulator.episode.max_distance_m': 0.1,
 }
+FILTERED = {
+    'simulator.pixels.model': 'esim',
+    'simulator.pixels.esim.shot_rate_hz': 1.0,
+    'filter.chain': 'correlation',
+    'filter.correlation.window_s': 0.005,
+}
 LEARNING = {'rstdp.learning': True, 'rstdp.checkpoint': ''}
 
 
@@ -55,6 +61,7 @@ def evaluate_alone(config: EvaluateConfig, path: Path, monkeypatch: pytest.Monke
     [
         pytest.param('rstdp', {}, {'seeds': 2}, id='two lanes'),
         pytest.param('rstdp', {**LEARNING, **NOISY}, {'seeds': 2}, id='learning with noise'),
+        pytest.param('rstdp', FILTERED, {'seeds': 2, 'lanes': ('outer',)}, id='esim and filter'),
         pytest.param(
             'braitenberg',
             {'simulator.robot.engine': 'rigid'},

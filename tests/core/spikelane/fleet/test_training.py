@@ -110,8 +110,8 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_episodes(
     [
         ({}, True),
         ({'simulator.robot.engine': 'pybullet'}, False),
-        ({'simulator.pixels.model': 'esim'}, False),
-        ({'filter.chain': 'refractory'}, False),
+        ({'simulator.pixels.model': 'esim'}, True),
+        ({'filter.chain': 'refractory, hot_pixels'}, True),
     ],
 )
 def test_what_a_kernel_has_is_known_before(parameters: dict[str, Any], can: bool) -> None:

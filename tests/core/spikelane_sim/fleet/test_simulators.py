@@ -1,13 +1,18 @@
 """`SimulatorFleet`: each robot of a fleet does what `Simulator` does alone, bit for bit."""
 
 import dataclasses
+from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 
-from spikelane_sim.contract import WheelVelocities
+from spikelane_sim.contract import STEP_NS, WheelVelocities
 from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.events import Events
+from spikelane_sim.filters import FilterParameters, FilterStage
+from spikelane_sim.filters import kind as filter_kinds
+from spikelane_sim.filters.hot_pixels import HotPixels, write_hot_pixels
 from spikelane_sim.fleet.generators import generator_at, Generators, TEMPLATE
 from spikelane_sim.fleet.kernel import make_scratch, simulate
 from spikelane_sim.fleet.simulators import SimulatorFleet
@@ -22,6 +27,15 @@ NOISY = {
     'episode.no_progress_steps': 90,
 }
 SMALL = {'camera.width': 100, 'camera.height': 77}
+ESIM = {
+    'pixels.model': 'esim',
+    'pixels.esim.shot_rate_hz': 3.0,
+    'pixels.esim.hot_share': 0.001,
+    'pixels.esim.refractory_s': 0.004,
+    'pixels.esim.threshold_off': 0.25,
+    'episode.no_progress_steps': 90,
+}
+LATE = {**ESIM, 'pixels.esim.latency_s': 0.07, 'pixels.esim.substeps': 5}
 
 
 @numba.njit
@@ -33,13 +47,14 @@ def one_step(world, robots, scratch, template, i, left, right):
 @numba.njit
 def draw(template, addresses):
     """Draw from each generator what pixels and controllers draw."""
-    drawn = np.zeros((len(addresses), 4))
+    drawn = np.zeros((len(addresses), 5))
     for i in range(len(addresses)):
         rng = generator_at(template, addresses[i])
         drawn[i, 0] = rng.poisson(17.5)
         drawn[i, 1] = rng.random(3).sum()
         drawn[i, 2] = rng.integers(0, 50_000, 5).sum()
         drawn[i, 3] = rng.integers(0, 2, 7).sum()
+        drawn[i, 4] = rng.poisson(0.7) + rng.poisson(8192.0)
     return drawn
 
 
@@ -55,8 +70,17 @@ def test_generators_in_a_kernel_draw_what_numpy_draws() -> None:
             rng.random(3).sum(),
             rng.integers(0, 50_000, 5).sum(),
             rng.integers(0, 2, 7).sum(),
+            rng.poisson(0.7) + rng.poisson(8192.0),
         ]
         assert generators[i].bit_generator.state == rng.bit_generator.state
+
+
+def assert_same_events(events: Events, expected: Events, begin_ns: int) -> None:
+    """Assert that a fleet has the same events; its time is that since the episode began."""
+    assert len(events) == len(expected)
+    for field in ('x', 'y', 'polarity'):
+        assert np.array_equal(events[field], expected[field])
+    assert np.array_equal(events['t'] + begin_ns, expected['t'])
 
 
 @pytest.mark.parametrize(
@@ -76,6 +100,14 @@ def test_generators_in_a_kernel_draw_what_numpy_draws() -> None:
             False,
             id='intensities that do not always fire',
         ),
+        pytest.param(ESIM, None, False, id='esim'),
+        pytest.param(
+            {**LATE, **SMALL, 'camera.antialias': True, 'robot.engine': 'kinematic'},
+            ['random:1', 'random:2', 'scenario_2'],
+            False,
+            id='esim with latency, gray',
+        ),
+        pytest.param({**ESIM, 'link.event_loss': 0.3}, None, False, id='esim with loss'),
     ],
 )
 def test_each_robot_does_what_it_does_alone(
@@ -91,18 +123,17 @@ def test_each_robot_does_what_it_does_alone(
         single = Simulator(dataclasses.replace(parameters, course=course))
         n_events = 0
         for seed in (5 + robot, None):
-            lane = single.reset(None, seed).lane
-            assert fleet.reset(robot, None, seed) == lane
+            first = single.reset(None, seed)
+            assert fleet.reset(robot, None, seed) == first.lane
+            begin_ns = first.stamp_ns - STEP_NS
             for step in range(120):
                 left, right = rng.uniform(-0.3, 1.7, 2) * (10 if step % 50 == 0 else 1)
                 left = np.nan if step == 77 else left
                 observation = single.step(WheelVelocities(left, right))
-                number = one_step(fleet.world, fleet.robots, scratch, TEMPLATE, robot, left, right)
-                events = scratch.events[:number]
-                for field in ('x', 'y', 'polarity'):
-                    assert np.array_equal(observation.events[field], events[field])
+                events = one_step(fleet.world, fleet.robots, scratch, TEMPLATE, robot, left, right)
+                assert_same_events(events, observation.events, begin_ns)
                 assert fleet.lane_state(robot) == observation.lane
-                n_events += number
+                n_events += len(events)
                 if observation.lane.terminated:
                     break
         assert n_events > 500
@@ -114,10 +145,6 @@ def test_each_robot_does_what_it_does_alone(
     ('values', 'message'),
     [
         ({}, 'robot.engine: expected kinematic or rigid in a fleet, got pybullet'),
-        (
-            {'robot.engine': 'rigid', 'pixels.model': 'esim'},
-            'pixels.model: expected coppelia in a fleet, got esim',
-        ),
     ],
 )
 def test_what_the_kernel_does_not_have_is_refused_by_name(
@@ -127,6 +154,72 @@ def test_what_the_kernel_does_not_have_is_refused_by_name(
     with pytest.raises(ParameterError) as caught:
         SimulatorFleet(1, SimulatorParameters.from_mapping(values, 'simulator'))
     assert str(caught.value) == message
+
+
+FILTERS = {
+    'nearest_neighbour': {'nearest_neighbour.window_s': 0.05},
+    'correlation': {
+        'correlation.window_s': 0.005,
+        'correlation.reach_px': 2,
+        'correlation.same_polarity': True,
+    },
+    'refractory': {'refractory.period_s': 0.06},
+    'hot_pixels, refractory, correlation, nearest_neighbour': {'correlation.window_s': 0.01},
+}
+
+
+@pytest.mark.parametrize('chain', FILTERS)
+@pytest.mark.parametrize('pixels', [NOISY, LATE], ids=['coppelia', 'esim'])
+def test_filters_let_the_same_events_pass(
+    chain: str, pixels: dict[str, object], tmp_path: Path
+) -> None:
+    """Over two episodes; events of the first one support none of the second one."""
+    mask = tmp_path / 'hot.json'
+    hot = [[x, y] for y in range(128) for x in range(0, 128, 3)]
+    write_hot_pixels(mask, HotPixels(128, 128, np.array(hot)))
+    values = {'chain': chain, **FILTERS[chain], 'hot_pixels.file': str(mask)}
+    filters = FilterParameters.from_mapping(values, 'filter')
+    parameters = SimulatorParameters.from_mapping({**RIGID, **pixels}, 'simulator')
+    fleet, single = SimulatorFleet(2, parameters, filters=filters), Simulator(parameters)
+    stage = FilterStage(filters, 128, 128)
+    scratch, rng = make_scratch(fleet.world), np.random.default_rng(1)
+    fleet.reset(0, None, 1)
+    for seed in (8, None):
+        first = single.reset(None, seed)
+        stage.observe(first)
+        fleet.reset(1, None, seed)
+        begin_ns = first.stamp_ns - STEP_NS
+        for _ in range(60):
+            left, right = rng.uniform(0.7, 1.5, 2)
+            seen = single.step(WheelVelocities(left, right))
+            one_step(fleet.world, fleet.robots, scratch, TEMPLATE, 0, right, left)
+            events = one_step(fleet.world, fleet.robots, scratch, TEMPLATE, 1, left, right)
+            assert_same_events(events, stage.observe(seen).events, begin_ns)
+            assert fleet.robots.known['n_events'][1] == len(seen.events)
+    assert 0 < stage.events_out < stage.events_in
+
+
+def test_a_filter_that_is_not_compiled_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one of another package, which has no part in the kernel."""
+    kinds = {**filter_kinds.filter_kinds()}
+    kinds['refractory'] = kinds['refractory']._replace(is_compiled=False)
+    monkeypatch.setattr(filter_kinds, 'filter_kinds', lambda: kinds)
+    parameters = SimulatorParameters.from_mapping(RIGID, 'simulator')
+    with pytest.raises(ParameterError) as caught:
+        SimulatorFleet(1, parameters, filters=FilterParameters(chain='refractory'))
+    expected = 'filter.chain: expected filters that are compiled in a fleet, got refractory'
+    assert str(caught.value) == expected
+
+
+def test_more_waiting_events_than_there_is_room_for_are_an_error() -> None:
+    """The kernel says so."""
+    parameters = SimulatorParameters.from_mapping({**RIGID, **LATE}, 'simulator')
+    fleet = SimulatorFleet(1, parameters)
+    robots = fleet.robots._replace(waiting=fleet.robots.waiting[:, :5].copy())
+    scratch = make_scratch(fleet.world)
+    fleet.reset(0, None, 1)
+    with pytest.raises(SpikelaneError, match=r'pixels.esim.latency_s: expected fewer events'):
+        one_step(fleet.world, robots, scratch, TEMPLATE, 0, 1.0, 1.0)
 
 
 def test_wrong_robots_and_resets_are_refused() -> None:

@@ -101,9 +101,13 @@ def test_what_the_kernel_lacks_is_stepped_one_by_one_and_said() -> None:
         vector = gymnasium.make_vec(ID, num_envs=2)
     assert isinstance(vector, SyncVectorEnv)
     vector.close()
-    for other in ({'filters': {'chain': 'refractory'}}, {'render_mode': 'rgb_array'}):
+    for other in (
+        {'simulator': {**RIGID, 'pixels.model': 'esim'}},
+        {'filters': {'chain': 'refractory'}},
+        {'render_mode': 'rgb_array'},
+    ):
         with pytest.warns(UserWarning, match='single environments'):
-            gymnasium.make_vec(ID, num_envs=2, simulator=RIGID, **other).close()
+            gymnasium.make_vec(ID, num_envs=2, **{'simulator': RIGID, **other}).close()
 
 
 def test_wrong_calls_are_refused() -> None:

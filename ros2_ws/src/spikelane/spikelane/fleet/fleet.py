@@ -18,6 +18,7 @@ from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey
 from spikelane_controllers.registry import controller_class, fleet_class
 from spikelane_sim.contract import controller_rng, LaneState, STEP_S
 from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.fleet.kernel import make_scratch
 from spikelane_sim.fleet.simulators import SimulatorFleet
 from spikelane_sim.fleet.threads import Threads
@@ -70,6 +71,7 @@ class Fleet:
         simulator: SimulatorParameters | Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
         courses: Sequence[str] | None = None,
+        filters: FilterParameters | Mapping[str, Any] | None = None,
         threads: int = 1,
     ) -> None:
         """Make a robot for each seed; none has begun an episode.
@@ -78,10 +80,11 @@ class Fleet:
             controller: Name of one whose card has a fleet: 'rstdp' or 'braitenberg'.
             seeds: Seed of each robot's simulator and of its controller.
             simulator: Parameters of all simulators, an object or values under dotted names, as
-                {'robot.engine': 'rigid'}; a fleet has the engines 'kinematic' and 'rigid' and the
-                pixels 'coppelia'.
+                {'robot.engine': 'rigid'}; a fleet has the engines 'kinematic' and 'rigid'.
             parameters: Parameters of all controllers, under dotted names.
             courses: Each robot's own, as the simulators' parameter `course`; None for the same.
+            filters: Filters of all robots' events, an object or values under dotted names, as
+                {'chain': 'correlation'}; None for no filter.
             threads: How many threads drive them, at least 1.
 
         Raises:
@@ -91,7 +94,11 @@ class Fleet:
         if not isinstance(simulator, SimulatorParameters):
             simulator = SimulatorParameters.from_mapping(simulator or {}, 'simulator')
         self._seeds = [int(seed) for seed in seeds]
-        self.simulators = SimulatorFleet(len(self._seeds), simulator, courses=courses)
+        if not isinstance(filters, FilterParameters):
+            filters = FilterParameters.from_mapping(filters or {}, 'filter')
+        self.simulators = SimulatorFleet(
+            len(self._seeds), simulator, courses=courses, filters=filters
+        )
         given = controller_class(controller).parameters_class.from_mapping(parameters or {})
         self.controllers: ControllerFleet = fleet_class(controller)(given, self.simulators)
         self._resets = [each.reset for each in self.controllers.controllers]

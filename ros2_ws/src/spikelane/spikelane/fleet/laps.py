@@ -60,6 +60,7 @@ def drive_fleet(
         simulator=first.simulator,
         parameters=first.controller_parameters.to_dict(),
         courses=[config.simulator.course for config in configs],
+        filters=first.filter,
         threads=threads,
     ) as fleet:
         for robot, config in enumerate(configs):

@@ -16,12 +16,12 @@ _OWN = ('seed', 'scenario', 'course', 'lane', 'training', 'evaluation', 'given')
 
 def has_kernel(config: Configuration) -> bool:
     """Return whether the kernel has all that determines how a run drives."""
-    if config.transport != 'inprocess' or config.filter.names:
+    if config.transport != 'inprocess':
         return False
     if not card(config.controller).fleet:
         return False
     try:
-        check_world(config.simulator)
+        check_world(config.simulator, config.filter)
     except ParameterError:
         return False
     return True

@@ -56,6 +56,7 @@ def train_fleet(
         simulator=first.simulator,
         parameters=first.controller_parameters.to_dict(),
         courses=[config.simulator.course for config in configs],
+        filters=first.filter,
         threads=threads,
     ) as fleet:
         attempts = _Attempts(fail)
