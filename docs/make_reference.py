@@ -135,6 +135,11 @@ def executables(folder: Path) -> dict[str, Executable]:
         ('spikelane.nodes.recorder', 'Recorder', {'output': str(folder / 'bag')}),
         ('spikelane.runs.replay.nodes.replay', 'ReplayNode', {'bag': bag}),
         ('spikelane.nodes.viewer', 'Viewer', {'web_port': 0, 'grpc_port': 0}),
+        (
+            'spikelane.nodes.camera_calibration',
+            'CameraCalibration',
+            {'file': str(folder / 'camera.yaml')},
+        ),
     ):
         make = _class(module, cls)
         nodes[module.rpartition('.')[2]] = Executable('spikelane', make, (Start('', parameters),))

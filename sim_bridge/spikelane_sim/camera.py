@@ -122,6 +122,13 @@ class Intrinsics(NamedTuple):
     cy: float  # [px]
 
 
+def intrinsics(parameters: CameraParameters) -> Intrinsics:
+    """Return the projection of a camera."""
+    width, height = parameters.width, parameters.height
+    focal = width / 2 / math.tan(math.radians(parameters.fov_deg) / 2)
+    return Intrinsics(focal, focal, width / 2, height / 2)
+
+
 class Mounting(NamedTuple):
     """A frame's place in base_link."""
 
@@ -173,9 +180,7 @@ class Camera:
     @property
     def intrinsics(self) -> Intrinsics:
         """Focal lengths and principal point, for camera_info."""
-        p = self.parameters
-        focal = p.width / 2 / math.tan(math.radians(p.fov_deg) / 2)
-        return Intrinsics(focal, focal, p.width / 2, p.height / 2)
+        return intrinsics(self.parameters)
 
     @property
     def optical_frame(self) -> Mounting:

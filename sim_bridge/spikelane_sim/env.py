@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,12 +114,14 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         self.render_mode = render_mode
         self._task = TaskParameters.from_mapping(task or {}, 'task')
         parameters = environment_parameters(scenario, simulator or {})
-        self._observed = OBSERVATIONS[observation](parameters)
-        self._simulator = Simulator(parameters, sensors=self._observed.sensors)
-        camera = self._simulator.parameters.camera
+        camera = parameters.camera
         self._stage = FilterStage(
             FilterParameters.from_mapping(filters or {}, 'filters'), camera.width, camera.height
         )
+        width, height = self._stage.size
+        seen = dataclasses.replace(camera, width=width, height=height)
+        self._observed = OBSERVATIONS[observation](dataclasses.replace(parameters, camera=seen))
+        self._simulator = Simulator(parameters, sensors=self._observed.sensors)
         self.observation_space = self._observed.space
         self.action_space = actions_space(actions, parameters)
         self._is_discrete = actions == 'discrete'
@@ -173,8 +176,8 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
 
     def render(self) -> NDArray[np.uint8]:
         """Return the events of the last step, ON blue and OFF red on black, (H, W, 3)."""
-        camera = self._simulator.parameters.camera
-        image = np.zeros((camera.height, camera.width, 3), np.uint8)
+        width, height = self._stage.size
+        image = np.zeros((height, width, 3), np.uint8)
         if self._last is not None:
             events = self._last.events
             image[events['y'], events['x']] = np.where(

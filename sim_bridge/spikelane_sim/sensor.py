@@ -11,9 +11,10 @@ another size and a clock of its own:
    but without events come first, t_0 is the time that the first of them tells.)
 3. Filters (`filters`) let some of the events pass, of the whole image and in the camera's own
    resolution. A simulator's events go through them, too.
-4. A part of the image, in the shape that is wanted and as large as it fits in the middle unless
-   another one is asked for, is scaled: column x becomes floor((x - left) width / crop_width), row
-   y likewise. What is outside is left out.
+4. Where one of them moves events to another image (`filters.ground_view`), that image is meant
+   here. A part of the image, in the shape that is wanted and as large as it fits in the middle
+   unless another one is asked for, is scaled: column x becomes
+   floor((x - left) width / crop_width), row y likewise. What is outside is left out.
 5. Step k has the events from s_0 + 50 k to s_0 + 50 (k + 1) ms, and that end for its stamp. It is
    complete when the sensor's time has reached its end, which an event tells, or a time word of
    evt3 or libcaer_cmp without events. Steps without events are steps too, so that a controller
@@ -253,20 +254,22 @@ class Sensor:
         if self.is_camera:
             crop = Crop(0, 0, 1, 1)
             if has_size:
-                crop = find_crop(packet.width, packet.height, self.parameters, *self._size)
-            self._make_stage(size if has_size else self._size)
+                self._make_stage(size)
+                crop = find_crop(*self._stage.size, self.parameters, *self._size)
             self._stage.reset()
             self._binning = StepBinning(
                 self.parameters, crop, *self._size, self._restarts, self._stage
             )
             return
-        if has_size and size != self._size and not self._any_size:
+        if not has_size:
+            return
+        self._make_stage(size)
+        if self._stage.size != self._size and not self._any_size:
             raise ParameterError(
                 f"event packets: expected a simulator's image of {self._size[0]} x "
                 f'{self._size[1]} px, as the controller wants, got {size[0]} x {size[1]} px; '
                 "only a camera's is scaled"
             )
-        self._make_stage(size if has_size else self._size)
 
     def _make_stage(self, size: tuple[int, int]) -> None:
         """Make the filters for images of this size, unless they are for it already."""

@@ -37,6 +37,14 @@ def viewer() -> None:
     run()
 
 
+def camera_calibration() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.nodes.camera_calibration import main as run
+
+    run()
+
+
 def wheels_to_twist() -> None:
     """Run the node and exit."""
     take_signals()

@@ -1,7 +1,8 @@
 """Filters of events: a stage between the camera and what a controller is given.
 
 `filter.chain` names the filters in their order, each of which sees what the one before lets pass.
-By default there are none, and all events pass.
+By default there are none, and all events pass. A map of events to another image is an element of
+the chain as well.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from spikelane_sim.contract import LaneState, Observation
 from spikelane_sim.episodes import EpisodeWatch
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events, make_events
-from spikelane_sim.filters.kind import EventFilter, filter_kind, filter_kinds, FilterKind
+from spikelane_sim.filters.kind import EventFilter, EventMap, filter_kind, filter_kinds, FilterKind
 from spikelane_sim.parameters import check_size, parameter, Parameters, with_groups
 
 __all__ = ['FilterParameters', 'FilterStage']
@@ -64,6 +65,7 @@ class FilterStage:
     stage is told to.
 
     Attributes:
+        size: Width and height [px] of the image to which the events that pass belong.
         events_in: Events that came, since the stage was made.
         events_out: Events that passed.
     """
@@ -83,12 +85,15 @@ class FilterStage:
         if parameters.names:
             size = {'columns of the image': width, 'rows': height}
             check_size('pixels whose events are filtered', size, _MOST_PIXELS)
-        self._filters: list[EventFilter] = [
-            filter_kind(name).make(getattr(parameters, name), width, height)
-            for name in parameters.names
-        ]
+        self.size = (width, height)
+        self._filters: list[EventFilter | EventMap] = []
+        for name in parameters.names:
+            made = filter_kind(name).make(getattr(parameters, name), *self.size)
+            self._filters.append(made)
+            if isinstance(made, EventMap):
+                self.size = made.size
         for each in self._filters:  # compiled kernels are loaded before time matters
-            each.passes(make_events([0], 0, 0, 1))
+            _applied(each, make_events([0], 0, 0, 1))
             each.reset()
         self._episodes = EpisodeWatch()
         self._latest_ns: int | None = None
@@ -134,6 +139,14 @@ class FilterStage:
                 self.reset()
             self._latest_ns = int(events['t'][-1])
             for each in self._filters:
-                events = events[each.passes(events)]
+                events = _applied(each, events)
         self.events_out += len(events)
         return events
+
+
+def _applied(each: EventFilter | EventMap, events: Events) -> Events:
+    """Return the events that a filter lets pass, or that a map moves."""
+    if isinstance(each, EventMap):
+        return each.moved(events)
+    passed: Events = events[each.passes(events)]
+    return passed

@@ -7,7 +7,7 @@ names a `FilterKind`. The filter's own parameters are `filter.<name>.<parameter>
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,18 +58,38 @@ class EventFilter(Protocol):
         """
 
 
+@runtime_checkable
+class EventMap(Protocol):
+    """Moves events to another image, event by event and causally."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height [px] of the image to which events are moved."""
+
+    def reset(self) -> None:
+        """Forget all events, as at the start of an episode."""
+
+    def moved(self, events: Events) -> Events:
+        """Return the next events in the other image, in the order of `events.py`, (M,).
+
+        Args:
+            events: As in `EventFilter.passes`, (N,).
+        """
+
+
 class FilterKind(NamedTuple):
     """A kind of filter.
 
     Attributes:
         make: Makes a filter from its parameters, and width and height of the image [px]. It may
-            raise a SpikelaneError.
+            raise a SpikelaneError. What it makes may be an `EventMap` instead: the filters that
+            follow it in the chain, and the controller, receive events of the other image.
         parameters_class: The filter's own parameters.
         is_compiled: Whether its filters have a method `compiled` that returns a `CompiledFilter`;
             a fleet refuses the others.
     """
 
-    make: Callable[[Any, int, int], EventFilter]
+    make: Callable[[Any, int, int], EventFilter | EventMap]
     parameters_class: type[Parameters]
     is_compiled: bool = False
 

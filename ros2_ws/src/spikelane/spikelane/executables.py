@@ -28,6 +28,7 @@ def executables() -> dict[str, str]:
     return {
         'simulator': 'spikelane_sim',
         **controller_packages(),
+        'camera_calibration': 'spikelane',
         'recorder': 'spikelane',
         'replay': 'spikelane',
         'viewer': 'spikelane',

@@ -22,6 +22,7 @@ COMMANDS = {
     'export': 'write a spiking network in a format that other programs read',
     'replay': 'replay a recorded drive to a controller, and compare',
     'repair': 'repair a bag whose recorder was killed',
+    'camera': 'write the lens and the place of a simulated camera to a file',
     'mask': "find a camera's hot pixels in a recording",
     'evaluate': 'measure a controller over laps and seeds',
     'experiment': 'execute all runs that a file describes',

@@ -11,11 +11,10 @@ from spikelane.runs.folder import RunFolder
 from spikelane.runs.transport import check_transport
 from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.registry import controller_class, make_controller
-from spikelane_sim.camera import CameraParameters
 from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.filters import FilterParameters
+from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.parameters import grouped, Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -169,18 +168,22 @@ def configure(
         'controller_parameters': groups.pop(controller),
         **groups,
     }
-    _check_image(fields['simulator'].camera, controller, fields['controller_parameters'])
+    _check_image(fields)
     return fields
 
 
-def _check_image(camera: CameraParameters, controller: str, parameters: Parameters) -> None:
+def _check_image(fields: Mapping[str, Any]) -> None:
     """Refuse a camera whose image has not the size that the controller is made for."""
-    wanted = image_size(parameters)
-    if (camera.width, camera.height) != wanted:
+    camera, filters = fields['simulator'].camera, fields['filter']
+    wanted = image_size(fields['controller_parameters'])
+    size = camera.width, camera.height
+    if filters.names:
+        size = FilterStage(filters, *size).size
+    if size != wanted:
         raise ParameterError(
             f'simulator.camera.width, simulator.camera.height: expected {wanted[0]} x '
-            f'{wanted[1]} px, which {controller} is made for, '
-            f'got {camera.width} x {camera.height} px'
+            f'{wanted[1]} px, which {fields["controller"]} is made for, '
+            f'got {size[0]} x {size[1]} px; filter.ground_view can map other images to it'
         )
 
 
@@ -252,7 +255,7 @@ def _with_whole_paths(filters: FilterParameters) -> FilterParameters:
     masks = {
         name: str(Path(value).absolute())
         for name, value in filters.to_dict().items()
-        if name.endswith('.file') and value
+        if name.endswith('file') and value
     }
     return FilterParameters.from_mapping(filters.to_dict() | masks) if masks else filters
 
