@@ -39,6 +39,7 @@ _DEPTHS = ('near_m', 'far_m')
 _OPTIONAL = f'camera_name rectification_matrix projection_matrix {" ".join(_DEPTHS)}'
 _LENGTHS, _ANGLES = ('x_m', 'y_m', 'z_m'), ('roll_deg', 'pitch_deg', 'yaw_deg')
 _MOST_METRES = 100.0
+_LEAST_SLOPE = 1e-9  # of a ray that meets the floor; what is less is rounding, along the horizon
 
 #: From a camera's axes (forwards, left, up) to those of its image (right, down, forwards).
 _OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -88,7 +89,7 @@ class Calibration(NamedTuple):
         down = (row - self.centre_px[1]) / self.focal_px[1]
         rays = np.stack([right, down, np.ones(len(row))], axis=1) @ self.rotation
         depth = np.full(len(rays), np.nan)
-        np.divide(-self.place_m[2], rays[:, 2], out=depth, where=rays[:, 2] < 0)
+        np.divide(-self.place_m[2], rays[:, 2], out=depth, where=rays[:, 2] < -_LEAST_SLOPE)
         with np.errstate(invalid='ignore'):
             is_seen = (depth >= self.near_m) & (depth <= self.far_m)
         depth[~is_seen] = np.nan
@@ -150,7 +151,8 @@ def make_calibration(
     """
     if not all(1 <= number <= _MOST_PIXELS for number in size):
         raise CalibrationError(
-            f'image_width, image_height: expected 1 to {_MOST_PIXELS} px, got {size[0]} x {size[1]}'
+            f'image_width, image_height: expected 1 to {_MOST_PIXELS} px, '
+            f'got {size[0]} x {size[1]} px'
         )
     is_pinhole = len(camera_matrix) == 9 and not any(camera_matrix[i] for i in (1, 3, 6, 7))
     if not is_pinhole or min(camera_matrix[0], camera_matrix[4]) <= 0 or camera_matrix[8] != 1:

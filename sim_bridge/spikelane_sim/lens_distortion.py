@@ -41,12 +41,12 @@ def distort(
         that is not seen.
     """
     if model == 'equidistant':
-        factor = _stretch(np.hypot(x, y), lambda radius: _fisheye(radius, coefficients))
+        factor = _stretch(np.hypot(x, y), lambda r: _fisheye(r, coefficients))
         return factor * x, factor * y
     k1, k2, p1, p2, *others = coefficients
     radial = (k1, k2, *others)
     square = x**2 + y**2
-    factor = _stretch(np.hypot(x, y), lambda radius: _rational(radius, radial))
+    factor = _stretch(np.hypot(x, y), lambda r: _rational(r, radial))
     return (
         factor * x + 2 * p1 * x * y + p2 * (square + 2 * x**2),
         factor * y + p1 * (square + 2 * y**2) + 2 * p2 * x * y,
@@ -71,7 +71,7 @@ def _fisheye(radius: _Array, coefficients: Sequence[float]) -> _Array:
 def _stretch(radius: _Array, distorted: Callable[[_Array], _Array]) -> _Array:
     """Return how much farther from the centre rays are put; NaN beyond where that turns back."""
     largest = float(radius.max(initial=0.0))
-    samples = np.linspace(0.0, largest, _SAMPLES)
+    samples: _Array = np.linspace(0.0, largest, _SAMPLES, dtype=np.float64)
     turns = np.flatnonzero(np.diff(distorted(samples)) <= 0)
     limit = samples[turns[0]] if len(turns) and largest > 0 else np.inf
     factor = np.divide(distorted(radius), radius, out=np.ones_like(radius), where=radius > 0)
