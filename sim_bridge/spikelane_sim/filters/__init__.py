@@ -104,7 +104,7 @@ class FilterStage:
         Each is a `kind.CompiledFilter`; all kinds must be compiled.
         """
         self.reset()
-        return [each.compiled() for each in self._filters]  # type: ignore[attr-defined]
+        return [each.compiled() for each in self._filters]  # type: ignore[union-attr]
 
     def reset(self) -> None:
         """Forget all events."""
