@@ -38,8 +38,8 @@ KEYS = {
 }
 #: They come with others: the first two with rosbags, the last with rerun.
 COME_ALONG = {'apsw', 'lz4', 'rerun_cli'}
-#: Asked for by a file of requirements instead of its name.
-IN_FILES = {'rerun': 'requirements/view.txt'}
+#: Asked for by a file of requirements, or under another name.
+IN_FILES = {'rerun': 'requirements/view.txt', 'stable_baselines3': 'stable-baselines3'}
 
 
 def imported(folder: Path) -> set[str]:
