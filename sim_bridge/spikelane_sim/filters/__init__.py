@@ -47,6 +47,11 @@ class FilterParameters(Parameters):
         """Return what determines the filters, under dotted names; None where there are none."""
         return self.to_dict() if self.names else None
 
+    @property
+    def move_events(self) -> bool:
+        """Whether events that pass belong to another image than the camera's."""
+        return any(filter_kind(name).moves_events for name in self.names)
+
     def node_parameters(self) -> dict[str, Any]:
         """Return them as parameters of a node, none where there are no filters."""
         return {f'filter.{name}': value for name, value in (self.chosen() or {}).items()}

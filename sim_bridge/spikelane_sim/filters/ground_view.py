@@ -131,4 +131,4 @@ def _trained_camera(file: str) -> Calibration:
     return camera
 
 
-GROUND_VIEW = FilterKind(GroundView, GroundViewParameters)
+GROUND_VIEW = FilterKind(GroundView, GroundViewParameters, moves_events=True)

@@ -87,11 +87,13 @@ class FilterKind(NamedTuple):
         parameters_class: The filter's own parameters.
         is_compiled: Whether its filters have a method `compiled` that returns a `CompiledFilter`;
             a fleet refuses the others.
+        moves_events: Whether it makes `EventMap`s.
     """
 
     make: Callable[[Any, int, int], EventFilter | EventMap]
     parameters_class: type[Parameters]
     is_compiled: bool = False
+    moves_events: bool = False
 
 
 def filter_kinds() -> Mapping[str, FilterKind | str]:

@@ -177,7 +177,7 @@ def _check_image(fields: Mapping[str, Any]) -> None:
     camera, filters = fields['simulator'].camera, fields['filter']
     wanted = image_size(fields['controller_parameters'])
     size = camera.width, camera.height
-    if filters.names:
+    if filters.move_events:
         size = FilterStage(filters, *size).size
     if size != wanted:
         raise ParameterError(
