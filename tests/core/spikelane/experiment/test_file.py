@@ -214,7 +214,7 @@ matrix:
         (
             'steps: 200',
             'step: 200',
-            ":7: unknown parameter 'step', expected steps",
+            ":7: unknown parameter 'step', expected record, steps",
         ),
         ('steps: 200', 'steps: 200, steps: 3', r':7: matrix\[0\].tasks.train.steps: given twice'),
         ('{steps: 200}', '', r':7: matrix\[0\].tasks.train: expected a mapping, got nothing'),
