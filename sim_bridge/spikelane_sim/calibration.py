@@ -155,6 +155,11 @@ def make_calibration(
             f'got {size[0]} x {size[1]} px'
         )
     is_pinhole = len(camera_matrix) == 9 and not any(camera_matrix[i] for i in (1, 3, 6, 7))
+    if not all(map(math.isfinite, (*camera_matrix, *distortion))):
+        raise CalibrationError(
+            'camera_matrix, distortion_coefficients: expected finite numbers, '
+            f'got {[*camera_matrix, *distortion]!r:.200}'
+        )
     if not is_pinhole or min(camera_matrix[0], camera_matrix[4]) <= 0 or camera_matrix[8] != 1:
         raise CalibrationError(
             'camera_matrix: expected [fx, 0, cx, 0, fy, cy, 0, 0, 1] with positive focal lengths, '
@@ -211,24 +216,20 @@ def read_calibration(path: Path) -> Calibration:
     x, y, z = (mounting[name].number(-_MOST_METRES, _MOST_METRES) for name in _LENGTHS)
     roll, pitch, yaw = (mounting[name].number(-360, 360) for name in _ANGLES)
     depths = {name: fields[name].number(0, 1e6) for name in _DEPTHS if name in fields}
+    width, height = (
+        fields[name].whole_number(1, _MOST_PIXELS) for name in ('image_width', 'image_height')
+    )
+    matrix, distortion = (
+        _numbers(fields[name]) for name in ('camera_matrix', 'distortion_coefficients')
+    )
+    model = fields['distortion_model'].text()
+    place, angles = (x, y, z), (roll, pitch, yaw)
     try:
         return make_calibration(
-            (
-                fields['image_width'].whole_number(1, _MOST_PIXELS),
-                fields['image_height'].whole_number(1, _MOST_PIXELS),
-            ),
-            _numbers(fields['camera_matrix']),
-            fields['distortion_model'].text(),
-            _numbers(fields['distortion_coefficients']),
-            (x, y, z),
-            (roll, pitch, yaw),
-            **depths,
+            (width, height), matrix, model, distortion, place, angles, **depths
         )
     except CalibrationError as error:
-        message = str(error)
-        raise CalibrationError(
-            message if message.startswith(f'{path}') else f'{path}: {message}'
-        ) from None
+        raise CalibrationError(f'{path}: {error}') from None
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 #: Number of coefficients of each model.
 MODELS = {'plumb_bob': 5, 'rational_polynomial': 8, 'equidistant': 4}
 
-_SAMPLES = 4096  # radii at which it is checked whether a polynomial turns back
+_SAMPLES = 4096  # angles at which it is checked whether a polynomial turns back
 
 _Array = NDArray[np.float64]
 
@@ -71,7 +71,8 @@ def _fisheye(radius: _Array, coefficients: Sequence[float]) -> _Array:
 def _stretch(radius: _Array, distorted: Callable[[_Array], _Array]) -> _Array:
     """Return how much farther from the centre rays are put; NaN beyond where that turns back."""
     largest = float(radius.max(initial=0.0))
-    samples: _Array = np.linspace(0.0, largest, _SAMPLES, dtype=np.float64)
+    # Evenly in the angle: a single ray along the image plane may have any radius.
+    samples: _Array = np.tan(np.linspace(0.0, np.arctan(largest), _SAMPLES, dtype=np.float64))
     turns = np.flatnonzero(np.diff(distorted(samples)) <= 0)
     limit = samples[turns[0]] if len(turns) and largest > 0 else np.inf
     factor = np.divide(distorted(radius), radius, out=np.ones_like(radius), where=radius > 0)

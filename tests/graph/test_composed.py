@@ -9,28 +9,17 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from spikelane.executables import find_executable
 from spikelane.processes import end_with
 
 pytestmark = pytest.mark.ros
 
 DEADLINE_S = 280.0
 STEPS = 120
-#: Messages in the bag for each observation, the first one included.
-EVERY_STEP = {
-    '/clock',
-    '/controller/state',
-    '/event_camera/events',
-    '/ground_truth/odom',
-    '/lane/distance',
-    '/lane/state',
-    '/tf',
-    '/wheel_velocities',
-}
 
 
 def command_line(command: str, folder: Path, transport: str, *options: str) -> list[str]:
@@ -54,7 +43,7 @@ def run(command: str, folder: Path, transport: str, *options: str) -> str:
 
 @pytest.mark.parametrize('controller', ['braitenberg', 'rstdp'])
 def test_a_composed_lap_is_the_lap_in_process_and_is_recorded_from_outside(
-    tmp_path: Path, controller: str
+    tmp_path: Path, controller: str, every_step: tuple[str, ...]
 ) -> None:
     """The same bits; the recorder, a process of its own, gets each message of each step."""
     options = ('--seed', '3', '--param', f'simulator.episode.max_steps={STEPS}')
@@ -72,7 +61,7 @@ def test_a_composed_lap_is_the_lap_in_process_and_is_recorded_from_outside(
     }
     with AnyReader([tmp_path / 'composed/bag']) as reader:
         counts = {each.topic: each.msgcount for each in reader.connections}
-    assert {counts[topic] for topic in EVERY_STEP} == {STEPS + 1}
+    assert {counts[topic] for topic in every_step} == {STEPS + 1}
     metrics = json.loads((tmp_path / 'composed/metrics.json').read_text())
     assert metrics['transport'] == 'composed'
 
@@ -190,19 +179,11 @@ def test_a_process_of_both_nodes_that_ends_is_named(
     [('simulator', '/lane/state'), ('braitenberg', '/wheel_velocities')],
 )
 def test_a_second_publisher_ends_a_composed_lap(
-    endless: Endless, tmp_path: Path, executable: str, topic: str
+    endless: Endless, second_node: Any, executable: str, topic: str
 ) -> None:
     """Exit status 1 and a line that names the node and the topic."""
-    environment = Path(f'/proc/{endless.pid}/environ').read_bytes()
-    variables = dict(pair.split('=', 1) for pair in environment.decode().split('\0') if pair)
-    intruder = [str(find_executable(executable)), '--ros-args', '-r', '__node:=intruder']
-    with (tmp_path / 'intruder').open('wb') as output:
-        process = subprocess.Popen(intruder, env=variables, stdout=output, stderr=output)
-    try:
+    with second_node(executable, endless.pid):
         assert endless.wait() == 1
         (line,) = endless.errors.splitlines()
         assert f'{topic}: expected one publisher, got 2: ' in line
         assert '/intruder' in line
-    finally:
-        process.kill()
-        process.wait()

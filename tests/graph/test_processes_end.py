@@ -9,12 +9,12 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 import uuid
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from spikelane.executables import find_executable
 from spikelane.processes import end_with
 
 pytestmark = pytest.mark.ros
@@ -173,22 +173,14 @@ def test_a_node_that_is_told_to_end_ends_all(command: Command, node: str, number
     [('simulator', '/lane/state'), ('braitenberg', '/wheel_velocities')],
 )
 def test_a_second_publisher_ends_a_lap(
-    command: Command, tmp_path: Path, executable: str, topic: str
+    command: Command, second_node: Any, executable: str, topic: str
 ) -> None:
     """Exit status 1 and a line that names the node and the topic."""
-    environment = Path(f'/proc/{command.pids("simulator")[0]}/environ').read_bytes()
-    variables = dict(pair.split('=', 1) for pair in environment.decode().split('\0') if pair)
-    intruder = [str(find_executable(executable)), '--ros-args', '-r', '__node:=intruder']
-    with (tmp_path / 'intruder').open('wb') as output:
-        process = subprocess.Popen(intruder, env=variables, stdout=output, stderr=output)
-    try:
+    with second_node(executable, command.pids('simulator')[0]):
         assert command.wait() == 1
         (line,) = command.errors.splitlines()
         assert f'{topic}: expected one publisher, got 2: ' in line
         assert '/intruder' in line
-    finally:
-        process.kill()
-        process.wait()
 
 
 def test_a_simulator_that_ends_while_it_is_reset_is_named(tmp_path: Path) -> None:

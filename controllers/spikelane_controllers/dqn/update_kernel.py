@@ -166,8 +166,8 @@ def _backward(network, gradient, states, outputs, slopes):  # type: ignore[no-un
         network: The layers.
         gradient: Their gradients, zeros.
         states: Inputs of the first layer that are 1.
-        outputs: Of the layers.
-        slopes: Of the error over the values, (n, n_actions).
+        outputs: Outputs of the layers.
+        slopes: Derivatives of the error with respect to the values, (n, n_actions).
     """
     first, second, _ = outputs
     active, number = states

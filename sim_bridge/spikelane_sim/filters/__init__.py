@@ -7,7 +7,9 @@ the chain as well.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from spikelane_sim.contract import LaneState, Observation
@@ -92,13 +94,17 @@ class FilterStage:
             check_size('pixels whose events are filtered', size, _MOST_PIXELS)
         self.size = (width, height)
         self._filters: list[EventFilter | EventMap] = []
+        self._apply: list[Callable[[Events], Events]] = []  # the same, as functions
         for name in parameters.names:
             made = filter_kind(name).make(getattr(parameters, name), *self.size)
             self._filters.append(made)
             if isinstance(made, EventMap):
+                self._apply.append(made.moved)
                 self.size = made.size
-        for each in self._filters:  # compiled kernels are loaded before time matters
-            _applied(each, make_events([0], 0, 0, 1))
+            else:
+                self._apply.append(partial(_passing, made))
+        for each, apply in zip(self._filters, self._apply, strict=True):
+            apply(make_events([0], 0, 0, 1))  # compiled kernels are loaded before time matters
             each.reset()
         self._episodes = EpisodeWatch()
         self._latest_ns: int | None = None
@@ -143,15 +149,13 @@ class FilterStage:
             if self._latest_ns is not None and events['t'][0] < self._latest_ns:
                 self.reset()
             self._latest_ns = int(events['t'][-1])
-            for each in self._filters:
-                events = _applied(each, events)
+            for apply in self._apply:
+                events = apply(events)
         self.events_out += len(events)
         return events
 
 
-def _applied(each: EventFilter | EventMap, events: Events) -> Events:
-    """Return the events that a filter lets pass, or that a map moves."""
-    if isinstance(each, EventMap):
-        return each.moved(events)
+def _passing(each: EventFilter, events: Events) -> Events:
+    """Return the events that a filter lets pass."""
     passed: Events = events[each.passes(events)]
     return passed

@@ -72,7 +72,7 @@ def filter_events(chain, memory, events):  # type: ignore[no-untyped-def]
     Args:
         chain: The `Chain`.
         memory: The robot's, (n_numbers,); changed in place.
-        events: Of one step, as in `EventFilter.passes`; changed in place.
+        events: Events of one step, as in `EventFilter.passes`; changed in place.
     """
     number = len(events)
     found = np.empty(number, np.bool_)

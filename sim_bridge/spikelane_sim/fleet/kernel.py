@@ -83,7 +83,7 @@ class Robots(NamedTuple):
         esim: What the pixels of `esim` are and remember, (n_robots, height * width) each; of no
             size without.
         waiting: Events of `esim` of times still to come, (n_robots, room).
-        memory: Of the filters, (n_robots, n_numbers).
+        memory: What the filters remember, (n_robots, n_numbers).
         commands: On their way to the robots [rad/s], (n_robots, latency_steps, 2).
         noise: Addresses of the generators that noise comes from, (n_robots,).
         losses: The same of the generators that losses are drawn from.

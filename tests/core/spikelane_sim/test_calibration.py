@@ -9,6 +9,7 @@ import pytest
 from spikelane_sim.calibration import (
     Calibration,
     CalibrationError,
+    make_calibration,
     place_and_angles,
     read_calibration,
     write_calibration,
@@ -82,6 +83,13 @@ def test_place_and_angles_are_those_of_a_transform() -> None:
     place, angles = place_and_angles(transform)
     assert place == pytest.approx((0.1, -0.2, 0.3))
     assert angles == pytest.approx((0.0, 30.0, 10.0), abs=1e-9)
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    """As a driver may publish them."""
+    matrix = [math.nan, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0]
+    with pytest.raises(CalibrationError, match='expected finite numbers'):
+        make_calibration((3, 3), matrix, 'plumb_bob', [0.0] * 5, (0, 0, 1), (0, 0, 0))
 
 
 @pytest.mark.parametrize(

@@ -41,9 +41,9 @@ def test_rays_are_put_where_opencv_puts_them(
 
 def test_a_ray_behind_the_edge_is_not_seen() -> None:
     """With k1 = -0.3, r (1 - 0.3 r^2) grows up to r = 1 / sqrt(0.9) = 1.054, and falls then."""
-    x, y = distort(
-        'plumb_bob', (-0.3, 0.0, 0.0, 0.0, 0.0), np.array([1.05, 1.06, 1.8]), np.zeros(3)
-    )
+    # The last ray is all but parallel to the image plane.
+    right = np.array([1.05, 1.06, 1.8, 1e6])
+    x, y = distort('plumb_bob', (-0.3, 0.0, 0.0, 0.0, 0.0), right, np.zeros(4))
     assert x[0] == pytest.approx(1.05 * (1 - 0.3 * 1.05**2))
     assert np.isnan(x[1:]).all()
     assert y[0] == 0

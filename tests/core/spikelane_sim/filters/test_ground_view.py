@@ -1,11 +1,13 @@
 """Events of one camera in the image of another."""
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spikelane.loop import drive_episode
+from spikelane.runs.input_files import input_digests
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.calibration import Calibration, CalibrationError, write_calibration
 from spikelane_sim.errors import ParameterError
@@ -50,7 +52,7 @@ def test_a_finer_trained_camera_gets_each_event_several_times(tmp_path: Path) ->
 
 
 def test_a_coarser_trained_camera_gets_the_events_at_its_centres(tmp_path: Path) -> None:
-    """Of nine pixels one sees the point of the floor that the coarse pixel's centre sees."""
+    """One of nine fine pixels sees the same point of the floor as the centre of a coarse pixel."""
     fine = SMALL._replace(width=9, height=9, focal_px=(3.0, 3.0), centre_px=(4.0, 4.0))
     events = make_events(np.arange(9), [3, 4, 5] * 3, [3] * 3 + [4] * 3 + [5] * 3, 1)
     assert _stage(tmp_path, fine, SMALL).filter(events).tolist() == [(4, 1, 1, 1)]
@@ -117,6 +119,16 @@ def test_steps_of_packets_have_the_trained_camera_s_image(tmp_path: Path) -> Non
         Sensor(width=4, height=3, has_lane=True).add(packet)
     (step,) = Sensor(filters=filters, width=4, height=3, has_lane=True).add(packet)
     assert step.events.tolist() == [(10_000, 1, 1, 1)]
+
+
+def test_the_content_of_both_files_determines_a_run(tmp_path: Path) -> None:
+    """A run is told from one with another calibration under the same name."""
+    names = [str(tmp_path / name) for name in ('camera.yaml', 'trained.yaml')]
+    for name in names:
+        Path(name).write_text(name)
+    given = dict(zip(('ground_view.file', 'ground_view.trained_file'), names, strict=True))
+    digests = input_digests({'filter': {'chain': 'ground_view', **given}})
+    assert digests == {name: hashlib.sha256(name.encode()).hexdigest() for name in names}
 
 
 def test_calibrations_that_do_not_fit_are_refused(tmp_path: Path) -> None:

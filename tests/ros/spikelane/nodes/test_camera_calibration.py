@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sensor_msgs.msg import CameraInfo
 
 from spikelane_sim.calibration import read_calibration
 from spikelane_sim.simulated_calibration import simulated_calibration
@@ -39,6 +40,34 @@ def test_the_file_is_that_of_the_simulated_camera(graph: Any, tmp_path: Path) ->
     assert found.place_m == pytest.approx(wanted.place_m)
     assert found.angles_deg == pytest.approx((0.0, 45.0, 0.0), abs=1e-9)
     assert not found.is_distorted
+
+
+def test_a_camera_info_without_a_calibration_is_refused(graph: Any, tmp_path: Path) -> None:
+    """A driver that is not calibrated publishes zeros; the node waits for a better message."""
+    file = tmp_path / 'camera.yaml'
+    graph.start('simulator', CAMERA, '-r', '__ns:=/placed')
+    info = CameraInfo(width=3, height=3, distortion_model='plumb_bob', d=[0.0] * 5)
+    info.header.frame_id = 'event_camera_optical_frame'
+    lens = graph.node.create_publisher(CameraInfo, '/lens', 10)
+    renamed = ('-r', 'event_camera/camera_info:=/lens')
+    node = graph.start('camera_calibration', {'file': str(file), 'height_m': 0.13879}, *renamed)
+
+    def is_refused() -> bool:
+        lens.publish(info)
+        return 'camera_matrix: expected [fx, 0, cx, 0, fy, cy, 0, 0, 1]' in node.log
+
+    graph.until(is_refused, 'the refusal')
+    assert node.status is None
+    assert not file.exists()
+    info.k = [2.0, 0.0, 1.0, 0.0, 2.0, 1.0, 0.0, 0.0, 1.0]
+
+    def has_ended() -> bool:
+        lens.publish(info)
+        return node.status is not None
+
+    graph.until(has_ended, 'the end of the node')
+    assert node.wait() == 0
+    assert read_calibration(file).focal_px == (2.0, 2.0)
 
 
 def test_a_file_is_required(graph: Any) -> None:

@@ -22,7 +22,7 @@ def local() -> Iterator[LocalTopics]:
 def test_messages_wait_for_the_start_and_come_in_order_up_to_the_depth(
     local: LocalTopics,
 ) -> None:
-    """Of five messages before the start the last three are handled, then those that follow."""
+    """A subscription of depth 3 handles the last 3 of 5 early messages, then the later ones."""
     seen, is_over = [], threading.Event()
 
     def handle(message: Float64) -> None:

@@ -68,7 +68,7 @@ class LocalEngine:
             if name in self._running and status is not None:
                 runs = self._running.pop(name)
                 for run, folder in runs.items():
-                    # Of several some can be done where another one failed.
+                    # Some runs of a process can be finished although another one failed.
                     is_done = len(runs) > 1 and RunFolder(folder).metrics.exists()
                     yield ended_run(run, 0 if is_done else status, folder)
 

@@ -82,7 +82,7 @@ def time_left_s(runner: Runner, slots: int) -> float | None:
         if status.took_s is not None:
             whole_s.setdefault(kind, []).append(status.took_s / status.together)
         elif status.state is RunStatus.RUNNING and status.left_s is not None and status.last:
-            # Of runs that a process does together, each has a part of its time.
+            # Runs that a process does together share its time equally.
             left_s = status.left_s / status.together
             known_s.append(left_s)
             if (rest := 1.0 - status.last[1].share) > 0:

@@ -9,15 +9,14 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane.fleet.fleet import Fleet, OnAdvance, Track
-from spikelane.fleet.setting import has_kernel, setting
+from spikelane.fleet.fleet import OnAdvance, Track
+from spikelane.fleet.setting import fleet_of, has_kernel
 from spikelane.runs.configuration import configured_controller
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import DrivenLap
 from spikelane.runs.lap.trajectory import Trajectory, trajectory_from_columns
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.course import load_course
-from spikelane_sim.errors import ParameterError
 
 #: Laps that are driven at a time: more would need more memory, and be no faster.
 MOST_LAPS = 64
@@ -49,22 +48,9 @@ def drive_fleet(
         SpikelaneError: They are not laps of one setting, or one cannot be driven.
         Interrupted: A signal has come.
     """
-    first = configs[0]
-    if any(setting(config) != setting(first) for config in configs[1:]):
-        raise ParameterError(
-            'fleet: expected laps that differ in seed, lane, course and weights alone'
-        )
-    with Fleet(
-        first.controller,
-        [config.seed for config in configs],
-        simulator=first.simulator,
-        parameters=first.controller_parameters.to_dict(),
-        courses=[config.simulator.course for config in configs],
-        filters=first.filter,
-        threads=threads,
-    ) as fleet:
+    with fleet_of(configs, threads) as fleet:
         for robot, config in enumerate(configs):
-            if config.controller_parameters != first.controller_parameters:
+            if config.controller_parameters != configs[0].controller_parameters:
                 controller = configured_controller(config)
                 fleet.host(robot, controller, controller.reset)
         start_s = time.perf_counter()

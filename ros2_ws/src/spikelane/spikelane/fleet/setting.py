@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from typing import Any
 
+from spikelane.fleet.fleet import Fleet
 from spikelane.runs.configuration import Configuration
 from spikelane_controllers.registry import card
 from spikelane_sim.errors import ParameterError
@@ -41,3 +43,29 @@ def setting(config: Configuration) -> dict[str, Any]:
         'simulator': {**values['simulator'], 'course': ''},
         config.controller: {**values[config.controller], **weights},
     }
+
+
+def fleet_of(configs: Sequence[Configuration], threads: int) -> Fleet:
+    """Make the fleet that does runs, with the parameters of the first one.
+
+    Args:
+        configs: What determines each run, at least one.
+        threads: How many threads drive the robots.
+
+    Raises:
+        SpikelaneError: They are not runs of one setting, or the kernel lacks what they need.
+    """
+    first = configs[0]
+    if any(setting(config) != setting(first) for config in configs[1:]):
+        raise ParameterError(
+            'fleet: expected runs that differ in seed, lane, course, length and weights alone'
+        )
+    return Fleet(
+        first.controller,
+        [config.seed for config in configs],
+        simulator=first.simulator,
+        parameters=first.controller_parameters.to_dict(),
+        courses=[config.simulator.course for config in configs],
+        filters=first.filter,
+        threads=threads,
+    )

@@ -8,12 +8,12 @@ import contextlib
 import numpy as np
 
 from spikelane.fleet.fleet import Fleet
-from spikelane.fleet.setting import setting
+from spikelane.fleet.setting import fleet_of
 from spikelane.interruption import check
 from spikelane.runs.train.config import TrainConfig
 from spikelane_controllers.fleet import Journey, make_journey
 from spikelane_controllers.learning.training import Start, Training
-from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.errors import SpikelaneError
 
 #: Called with the number of a training that has come on, and its progress along the lane [m].
 OnProgress = Callable[[int, float], None]
@@ -44,21 +44,7 @@ def train_fleet(
             `fail`, also where a checkpoint cannot be written, or an episode is not the same again.
         Interrupted: A signal has come; each can be resumed from its last checkpoint.
     """
-    first = configs[0]
-    for config in configs[1:]:
-        if setting(config) != setting(first):
-            raise ParameterError(
-                'fleet: expected trainings that differ in seed, course and length alone'
-            )
-    with Fleet(
-        first.controller,
-        [config.seed for config in configs],
-        simulator=first.simulator,
-        parameters=first.controller_parameters.to_dict(),
-        courses=[config.simulator.course for config in configs],
-        filters=first.filter,
-        threads=threads,
-    ) as fleet:
+    with fleet_of(configs, threads) as fleet:
         attempts = _Attempts(fail)
         for robot, training in enumerate(trainings):
             with attempts.of(robot):

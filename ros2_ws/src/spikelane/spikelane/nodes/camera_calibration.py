@@ -16,7 +16,12 @@ from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from spikelane_sim import topic_names
-from spikelane_sim.calibration import make_calibration, place_and_angles, write_calibration
+from spikelane_sim.calibration import (
+    CalibrationError,
+    make_calibration,
+    place_and_angles,
+    write_calibration,
+)
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
@@ -104,11 +109,17 @@ class CameraCalibration(Node):
             return
         matrix[:3, 3] += (-self._settings.axle_x_m, 0.0, self._settings.height_m)
         place, angles = place_and_angles(matrix)
-        info = self._info
+        info, self._info = self._info, None
         size = info.width, info.height
-        calibration = make_calibration(
-            size, info.k.tolist(), info.distortion_model, list(info.d), place, angles
-        )
+        try:
+            calibration = make_calibration(
+                size, info.k.tolist(), info.distortion_model, list(info.d), place, angles
+            )
+        except CalibrationError as error:  # the next message may have what this one lacks
+            self.get_logger().error(
+                f'{topic_names.CAMERA_INFO}: {error}; refused', throttle_duration_sec=1.0
+            )
+            return
         write_calibration(Path(self._settings.file), calibration)
         self.get_logger().info(
             f'{self._settings.file}: camera of {size[0]} x {size[1]} px at x, y, z '

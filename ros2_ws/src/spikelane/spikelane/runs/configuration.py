@@ -252,12 +252,12 @@ def make_groups(
 
 def _with_whole_paths(filters: FilterParameters) -> FilterParameters:
     """Return the parameters of filters with absolute paths: nodes need not run in this folder."""
-    masks = {
+    files = {
         name: str(Path(value).absolute())
         for name, value in filters.to_dict().items()
         if name.endswith('file') and value
     }
-    return FilterParameters.from_mapping(filters.to_dict() | masks) if masks else filters
+    return FilterParameters.from_mapping(filters.to_dict() | files) if files else filters
 
 
 def group_values(

@@ -17,7 +17,7 @@ from spikelane_sim.robots.own import ENDING
 def input_digests(configuration: Mapping[str, Any]) -> dict[str, str]:
     """Return the SHA-256 of the files that a configuration names, by these names.
 
-    These are course files, URDFs, weights and masks of hot pixels.
+    These are course files, URDFs, weights, masks of hot pixels and calibrations of cameras.
 
     Names of shipped courses and of what is not there yet are left out.
 
@@ -40,9 +40,8 @@ def _inputs(configuration: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
     model = str(configuration.get('simulator', {}).get('robot.model', ''))
     if model.endswith(ENDING):
         yield model, Path(model)
-    # Filters have a file each at most.
     for name, value in configuration.get('filter', {}).items():
-        if name.endswith('.file') and value:
+        if name.endswith('file') and value:
             yield value, Path(value)
     weights = {
         name: values['checkpoint']
