@@ -129,5 +129,5 @@ def test_laps_of_other_settings_are_refused() -> None:
     laps = [
         next(make_config('rstdp', {'rstdp.c_r': c_r}, {}).laps()).config for c_r in (0.01, 0.02)
     ]
-    with pytest.raises(ParameterError, match='that differ in seed, lane, course and weights'):
+    with pytest.raises(ParameterError, match='that differ in seed, lane, course, length'):
         drive_fleet(laps)

@@ -123,5 +123,5 @@ def test_other_settings_are_refused(tmp_path: Path) -> None:
     """One fleet has one setting."""
     configs = [make_config(3), make_config(4, **{'rstdp.c_r': 0.02})]
     trainings = [begin(config, tmp_path / str(i)) for i, config in enumerate(configs)]
-    with pytest.raises(ParameterError, match='that differ in seed, course and length alone'):
+    with pytest.raises(ParameterError, match='that differ in seed, lane, course, length'):
         train_fleet(configs, trainings, lambda *_: None)
