@@ -87,7 +87,7 @@ class FilterKind(NamedTuple):
         parameters_class: The filter's own parameters.
         is_compiled: Whether its filters have a method `compiled` that returns a `CompiledFilter`;
             a fleet refuses the others.
-        moves_events: Whether it makes `EventMap`s.
+        moves_events: Whether what it makes is an `EventMap`.
     """
 
     make: Callable[[Any, int, int], EventFilter | EventMap]
