@@ -97,6 +97,12 @@ def _q_learning() -> Result:
     return measure_q_learning()
 
 
+def _dqn_training() -> Result:
+    from spikelane_benches.dqn_training import measure_dqn_training
+
+    return measure_dqn_training()
+
+
 def _startup() -> Result:
     from spikelane_benches.startup import measure_startup
 
@@ -113,6 +119,9 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
     'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),
     'q-learning': Benchmark(_q_learning, 'ratio', 1.0, False, "of PyTorch's time, with Numba"),
+    'dqn-training': Benchmark(
+        _dqn_training, 'rigid_numba', 0.1, False, 'of the time with pybullet and PyTorch'
+    ),
     'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST'),
     'startup': Benchmark(_startup, 'beyond_numba_s', 0.3, False, 's beyond Numba, up to the loop'),
     'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
+from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.fleet.simulators import SimulatorFleet
 from spikelane_sim.parameters import Parameters
@@ -78,6 +79,14 @@ class ControllerFleet(Protocol):
 
     controllers: list[Any]
 
+    @staticmethod
+    def check(parameters: Any) -> None:
+        """Check that the kernel has what controllers with these parameters do.
+
+        Raises:
+            ParameterError: It does not; the message names the parameter.
+        """
+
     def __init__(self, parameters: Parameters, simulators: SimulatorFleet) -> None:
         """Make a controller for each robot.
 
@@ -98,6 +107,12 @@ class ControllerFleet(Protocol):
 
     def operations(self, robot: int) -> Operations:
         """Return the sum of a controller's operations since its robot's row was last loaded."""
+
+    def taken_in(self, robot: int) -> Any:
+        """Return what the robot's training is to know of the last call of `advance`.
+
+        `Training.take` is given it; None where the answers say all.
+        """
 
     def look(self, robot: int) -> None:
         """Let a controller see no events: the observation after a reset."""
@@ -127,15 +142,20 @@ class ControllerFleet(Protocol):
         """
 
 
-def check_image(parameters: Any, simulators: SimulatorFleet) -> None:
+def check_image(name: str, encoding: EncodingParameters, simulators: SimulatorFleet) -> None:
     """Check that a controller's encoding is made for the camera's image.
+
+    Args:
+        name: Name of the encoding among the controller's parameters.
+        encoding: What the controller counts events in.
+        simulators: Whose camera it is.
 
     Raises:
         ParameterError: It is not.
     """
-    camera, encoding = simulators.parameters.camera, parameters.encoding
+    camera = simulators.parameters.camera
     if (encoding.width, encoding.height) != (camera.width, camera.height):
         raise ParameterError(
-            f'encoding: expected {camera.width} x {camera.height} px, as the camera has, '
+            f'{name}: expected {camera.width} x {camera.height} px, as the camera has, '
             f'got {encoding.width} x {encoding.height} px'
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
+from numba.extending import register_jitable
+
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -62,6 +64,7 @@ def action_wheels(action: int, parameters: ActionParameters) -> WheelVelocities:
     return WheelVelocities(parameters.drive_rad_s + turn, parameters.drive_rad_s - turn)
 
 
+@register_jitable
 def lane_centre_reward(distance_m: float, sigma_m: float) -> float:
     """Return the normal density of the lane distance [m] (paper section 3.3)."""
     return math.exp(-((distance_m / sigma_m) ** 2) / 2) / (sigma_m * math.sqrt(2 * math.pi))

@@ -21,6 +21,7 @@ TRAINING = TrainingCard(
 
 CARD = ControllerCard(
     controller='spikelane_controllers.dqn.controller:Dqn',
+    fleet='spikelane_controllers.dqn.fleet:DqnFleet',
     title='DQN',
     training=TRAINING,
     weights=Path(__file__).parent / 'weights',

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import math
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,15 @@ from spikelane_sim.errors import CheckpointError
 from spikelane_sim.task import action_wheels, ACTIONS, lane_centre_reward
 
 
+class EndedAction(NamedTuple):
+    """What an action brought, for the records of a training."""
+
+    reward: float
+    updates: int  # in all
+    loss: float  # of the last update
+    counts: NDArray[np.integer[Any]]  # events in the state that it led to, (rows, columns)
+
+
 class Dqn:
     """Controller that acts by a Q-network; see `contract.Controller`.
 
@@ -60,6 +69,10 @@ class Dqn:
         actions: Actions that have ended since the weights were initialised.
         operations: Operations of the last step: none while an action is held.
         counts: Events that the last state was made of, (rows, columns).
+        inputs: That state, (n_inputs,).
+        held: Steps since the action was chosen, -1 before an episode's first.
+        image: Events of the last steps.
+        rng: Draws actions and transitions.
     """
 
     parameters_class: ClassVar[type[DqnParameters]] = DqnParameters
@@ -73,7 +86,7 @@ class Dqn:
         """
         self.parameters = parameters or DqnParameters()
         self.learning = self.parameters.learning
-        self._image = StateImage(self.parameters.image)
+        self.image = StateImage(self.parameters.image)
         self._trained = self._trained_network()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))
@@ -82,6 +95,17 @@ class Dqn:
     def network(self) -> QNetwork:
         """The network that acts; not to be written to."""
         return self._network if self._learner is None else self._learner.network
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether there is a learner."""
+        return self._learner is not None
+
+    @property
+    def ended_action(self) -> EndedAction:
+        """The last action that ended while it was learning."""
+        learner = self.learner
+        return EndedAction(self.reward, learner.updates, learner.loss, self.counts)
 
     @property
     def learner(self) -> QLearning:
@@ -100,12 +124,12 @@ class Dqn:
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: a state of zeros; what was learnt lives on."""
-        self._rng = rng
-        self._image.clear()
-        self.counts: Counts = self._image.counts
-        self._state: NDArray[np.uint8] = self._image.binary.ravel()
+        self.rng = rng
+        self.image.clear()
+        self.counts: Counts = self.image.counts
+        self.inputs: NDArray[np.uint8] = self.image.binary.ravel()
         self.operations = Operations()
-        self._held = -1  # steps since the action was chosen, -1 before the first
+        self.held = -1
         self.action = ACTIONS.index('straight')
         self.reward = math.nan
 
@@ -122,15 +146,15 @@ class Dqn:
         """Answer one observation; the action that ends with it is learnt from."""
         lane = observation.lane
         is_over = lane is not None and lane.terminated
-        self._held += 1
+        self.held += 1
         self.operations = Operations()
-        if self._held:  # an episode's first observation is before anything was done
-            self._image.add(observation.events)
-            if self._held == self.parameters.task.steps_per_action or is_over:
+        if self.held:  # an episode's first observation is before anything was done
+            self.image.add(observation.events)
+            if self.held == self.parameters.task.steps_per_action or is_over:
                 self._end_action(lane)
-        if not self._held and not is_over:
+        if not self.held and not is_over:
             self.action = self._choose()
-            self.operations = decision_operations(self.network, self._state)
+            self.operations = decision_operations(self.network, self.inputs)
         return action_wheels(self.action, self.parameters.task)
 
     def state(self) -> SavedState:
@@ -143,12 +167,12 @@ class Dqn:
         own = spread('network', self._network) if learner is None else learner.state()
         return {
             **own,
-            **spread_generator('rng', self._rng),
-            'image.frames': self._image.frames,
-            'held': self._held,
+            **spread_generator('rng', self.rng),
+            'image.frames': self.image.frames,
+            'held': self.held,
             'action': self.action,
             'actions': self.actions,
-            'state': np.packbits(self._state),
+            'state': np.packbits(self.inputs),
             'learning': self.learning,
         }
 
@@ -173,24 +197,24 @@ class Dqn:
             self._network = gather('network', self._network, state)
         else:
             self._learner.restore(state)
-        self._rng, self._held, self.action, self.actions = rng, held, action, actions
-        self._image.frames = frames
-        self._state = np.unpackbits(packed, count=self._state.size)
-        self.counts = self._image.counts
+        self.rng, self.held, self.action, self.actions = rng, held, action, actions
+        self.image.frames = frames
+        self.inputs = np.unpackbits(packed, count=self.inputs.size)
+        self.counts = self.image.counts
         self.reward = math.nan
 
     def _choose(self) -> int:
         if self._learner is None:
-            return greedy_action(self._network, self._state)
-        return self._learner.act(self._state, self._rng)
+            return greedy_action(self._network, self.inputs)
+        return self._learner.act(self.inputs, self.rng)
 
     def _end_action(self, lane: LaneState | None) -> None:
         """Observe what the action led to, and learn from it."""
-        before = self._state
-        self._held = 0
+        before = self.inputs
+        self.held = 0
         self.actions += 1
-        self.counts = self._image.counts
-        self._state = (self.counts > 0).astype(np.uint8).ravel()
+        self.counts = self.image.counts
+        self.inputs = (self.counts > 0).astype(np.uint8).ravel()
         self.reward = math.nan
         if lane is None:
             return
@@ -198,7 +222,7 @@ class Dqn:
         if self._learner is not None:
             is_lost = lane.reason == TERMINATED_LANE_LOST
             self._learner.learn(
-                before, self.action, self.reward, self._state, self._rng, is_final=is_lost
+                before, self.action, self.reward, self.inputs, self.rng, is_final=is_lost
             )
 
     def _make_learner(self) -> QLearning:

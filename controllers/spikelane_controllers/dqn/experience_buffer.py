@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,6 +40,30 @@ class Transitions(NamedTuple):
     is_final: NDArray[np.uint8]
 
 
+@numba.njit(cache=True)
+def put(  # type: ignore[no-untyped-def]
+    transitions, added, state, action, reward, next_state, is_final
+):
+    """Add a transition to those added before; see `Replay.add`."""
+    place = added % len(transitions.actions)
+    _pack(state, transitions.states[place])
+    _pack(next_state, transitions.next_states[place])
+    transitions.actions[place] = action
+    transitions.rewards[place] = reward
+    transitions.is_final[place] = is_final
+
+
+@numba.njit(cache=True)
+def _pack(state, packed):  # type: ignore[no-untyped-def]
+    """Pack eight inputs to a byte, the first one highest, as `np.packbits` does."""
+    for k in range(len(packed)):
+        byte = 0
+        for bit in range(8 * k, min(8 * k + 8, len(state))):
+            if state[bit]:
+                byte |= 128 >> (bit - 8 * k)
+        packed[k] = byte
+
+
 class Replay:
     """A ring of transitions; the oldest makes place for the newest.
 
@@ -47,13 +72,14 @@ class Replay:
         n_inputs: Number of inputs in a state.
 
     Attributes:
+        added: How many were added, those that made place included.
         transitions: What it keeps; not to be written to.
     """
 
     def __init__(self, size: int, n_inputs: int) -> None:
         packed = -(-n_inputs // 8)
         self._n_inputs = n_inputs
-        self._added = 0
+        self.added = 0
         self.transitions = Transitions(
             states=np.zeros((size, packed), np.uint8),
             next_states=np.zeros((size, packed), np.uint8),
@@ -64,7 +90,7 @@ class Replay:
 
     def __len__(self) -> int:
         """Return how many transitions there are."""
-        return min(self._added, len(self.transitions.actions))
+        return min(self.added, len(self.transitions.actions))
 
     def add(
         self,
@@ -76,14 +102,8 @@ class Replay:
         is_final: bool,
     ) -> None:
         """Add a transition between binary states (n_inputs,)."""
-        kept = self.transitions
-        place = self._added % len(kept.actions)
-        kept.states[place] = np.packbits(state)
-        kept.next_states[place] = np.packbits(next_state)
-        kept.actions[place] = action
-        kept.rewards[place] = reward
-        kept.is_final[place] = is_final
-        self._added += 1
+        put(self.transitions, self.added, state, action, reward, next_state, is_final)
+        self.added += 1
 
     def draw(self, size: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Draw rows of transitions, each equally likely, perhaps more than once."""
@@ -115,7 +135,7 @@ class Replay:
         }
         for name, kept in self.transitions._asdict().items():
             kept[:] = arrays[f'replay.{name}']
-        self._added = added
+        self.added = added
 
     def _unpacked(self, packed: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return np.unpackbits(packed, axis=1, count=self._n_inputs)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
+
+from numba.extending import register_jitable
 
 from spikelane_controllers.dqn.q_network import MOST_WEIGHTS, QNetworkParameters
 from spikelane_sim.encoding import StateImageParameters
@@ -11,6 +14,23 @@ from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, 
 from spikelane_sim.task import DecisionParameters
 
 _TABLE = 'table "DQN parameters"'
+
+
+class Exploration(NamedTuple):
+    """How the probability of a random action falls; see `QLearningParameters`."""
+
+    random_steps: int
+    annealing_steps: int
+    start: float
+    end: float
+
+
+@register_jitable
+def exploration_rate(exploration: Exploration, steps: int) -> float:
+    """Return the probability of a random action after so many steps (section 3.4)."""
+    progress = (steps - exploration.random_steps) / exploration.annealing_steps
+    fall = exploration.start - exploration.end
+    return exploration.start - fall * min(max(progress, 0.0), 1.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -74,9 +94,18 @@ class QLearningParameters(Parameters):
 
     def exploration_rate(self, steps: int) -> float:
         """Return the probability of a random action after so many steps (section 3.4)."""
-        progress = (steps - self.random_steps) / self.annealing_steps
-        fall = self.exploration_start - self.exploration_end
-        return self.exploration_start - fall * min(max(progress, 0.0), 1.0)
+        rate: float = exploration_rate(self.exploration, steps)
+        return rate
+
+    @property
+    def exploration(self) -> Exploration:
+        """How exploration falls."""
+        return Exploration(
+            self.random_steps,
+            self.annealing_steps,
+            self.exploration_start,
+            self.exploration_end,
+        )
 
     def _check_relations(self) -> None:
         if self.backend == 'numba' and self.device != 'cpu':

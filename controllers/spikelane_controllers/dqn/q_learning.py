@@ -27,20 +27,31 @@ from numpy.typing import NDArray
 from spikelane_controllers.dqn.experience_buffer import Replay
 from spikelane_controllers.dqn.parameters import QLearningParameters
 from spikelane_controllers.dqn.q_network import (
+    flat_weights,
     greedy_action,
     network_views,
     QNetwork,
 )
 from spikelane_controllers.dqn.update_kernel import (
     find_moving,
+    Learnt,
     make_learnt,
     Rates,
-    Shape,
+    shape_of,
     update,
 )
 from spikelane_controllers.saved_state import array, gather, number, SavedState, spread
 
 Flat = NDArray[np.float32]
+
+
+def rates_of(parameters: QLearningParameters) -> Rates:
+    """Return what an update needs of the parameters."""
+    return Rates(
+        np.float32(parameters.discount),
+        parameters.learning_rate,
+        np.float32(parameters.soft_update),
+    )
 
 
 class QLearning:
@@ -51,6 +62,8 @@ class QLearning:
         updates: Times the network was changed.
         loss: Loss of the last update, NaN before the first.
         network: What was learnt; not to be written to.
+        replay: Its experience.
+        learnt: What the compiled update changes; None where another one learns.
     """
 
     def __init__(self, parameters: QLearningParameters, network: QNetwork) -> None:
@@ -58,10 +71,11 @@ class QLearning:
         self._parameters = parameters
         self._shapes = [values.shape for values in network]
         self._n_actions = len(network.biases_3)
-        self._replay = Replay(parameters.buffer_size, len(network.weights_1))
+        self.replay = Replay(parameters.buffer_size, len(network.weights_1))
         self.steps = 0
         self.updates = 0
         self.loss = math.nan
+        self.learnt: Learnt | None = None
         self._begin(network)
 
     @property
@@ -95,12 +109,21 @@ class QLearning:
             rng: Draws the transitions for an update.
             is_final: Whether the task has failed there; not for an episode that is merely long.
         """
-        self._replay.add(state, action, reward, next_state, is_final=is_final)
+        self.replay.add(state, action, reward, next_state, is_final=is_final)
         self.steps += 1
         is_time = self.steps % self._parameters.update_every == 0
         if is_time and self.steps > self._parameters.random_steps:
-            self.loss = self._update(rng)
-            self.updates += 1
+            self.update(rng)
+
+    def update(self, rng: np.random.Generator) -> None:
+        """Change the network by transitions that are drawn from what is kept."""
+        self.loss = self._update(rng)
+        self.updates += 1
+
+    @property
+    def weights(self) -> Flat:
+        """All weights and biases in one array, which is not to be written to."""
+        return self._arrays()[0]
 
     def state(self) -> SavedState:
         """Return all that the next steps depend on, as arrays and numbers."""
@@ -110,7 +133,7 @@ class QLearning:
             **spread('target', network_views(target, self._shapes)),
             'adam.mean': mean,
             'adam.square': square,
-            **self._replay.state(),
+            **self.replay.state(),
             'steps': self.steps,
             'updates': self.updates,
         }
@@ -128,9 +151,20 @@ class QLearning:
             for name in ('adam.mean', 'adam.square')
         )
         steps, updates = number(state, 'steps', int), number(state, 'updates', int)
-        self._replay.restore(state, steps)
+        self.replay.restore(state, steps)
         self.steps, self.updates, self.loss = steps, updates, math.nan
-        self._set(_flat(network), _flat(target), mean, square)
+        self._set(flat_weights(network), flat_weights(target), mean, square)
+
+    def go_on(self, steps: int, updates: int, loss: float) -> None:
+        """Note what a kernel has added to `replay` and changed of `learnt`.
+
+        Args:
+            steps: As the attribute.
+            updates: As the attribute.
+            loss: As the attribute.
+        """
+        self.steps = self.replay.added = steps
+        self.updates, self.loss = updates, loss
 
     @property
     def _n_weights(self) -> int:
@@ -138,35 +172,29 @@ class QLearning:
 
     def _begin(self, network: QNetwork) -> None:
         """Make what learns, and begin with a network."""
-        layers = network.weights_1, network.weights_2, network.weights_3
-        self._shape = Shape(len(layers[0]), *(each.shape[1] for each in layers))
-        self._learnt = make_learnt(self._n_weights, self._shape.n_inputs)
-        self._rates = Rates(
-            np.float32(self._parameters.discount),
-            self._parameters.learning_rate,
-            np.float32(self._parameters.soft_update),
-        )
-        self.network = network_views(self._learnt.weights, self._shapes)
+        self._shape = shape_of(network)
+        self.learnt = learnt = make_learnt(self._n_weights, self._shape.n_inputs)
+        self._rates = rates_of(self._parameters)
+        self.network = network_views(learnt.weights, self._shapes)
         none = np.zeros(self._n_weights, np.float32)
-        self._set(_flat(network), _flat(network), none, none)
+        self._set(flat_weights(network), flat_weights(network), none, none)
 
     def _update(self, rng: np.random.Generator) -> float:
         """Change the network by transitions that are drawn; return the loss before."""
-        drawn = self._replay.draw(self._parameters.batch_size, rng)
-        kept = self._replay.transitions
-        return float(update(self._learnt, self._shape, self._rates, kept, drawn, self.updates))
+        drawn = self.replay.draw(self._parameters.batch_size, rng)
+        kept = self.replay.transitions
+        assert self.learnt is not None
+        return float(update(self.learnt, self._shape, self._rates, kept, drawn, self.updates))
 
     def _arrays(self) -> tuple[Flat, Flat, Flat, Flat]:
         """Return weights, those of the target network, and Adam's mean and square."""
-        learnt = self._learnt
+        learnt = self.learnt
+        assert learnt is not None
         return learnt.weights, learnt.target, learnt.mean, learnt.square
 
     def _set(self, weights: Flat, target: Flat, mean: Flat, square: Flat) -> None:
         """Take over copies of what `_arrays` returns."""
         for own, given in zip(self._arrays(), (weights, target, mean, square), strict=True):
             own[:] = given
-        find_moving(self._learnt, self._shape)
-
-
-def _flat(network: QNetwork) -> Flat:
-    return np.concatenate([part.ravel() for part in network])
+        if self.learnt is not None:
+            find_moving(self.learnt, self._shape)

@@ -87,6 +87,11 @@ def network_views(flat: Array, shapes: Sequence[tuple[int, ...]]) -> QNetwork:
     return QNetwork(*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))
 
 
+def flat_weights(network: QNetwork) -> Array:
+    """Return copies of the arrays of a network, one after the other."""
+    return np.concatenate([part.ravel() for part in network])
+
+
 def action_values(network: QNetwork, states: NDArray[np.uint8]) -> Array:
     """Return the values of all actions.
 
@@ -108,13 +113,17 @@ def greedy_action(network: QNetwork, state: NDArray[np.uint8]) -> int:
 
 def decision_operations(network: QNetwork, state: NDArray[np.uint8]) -> Operations:
     """Count what a decision in a state (n_inputs,) takes: every weight once, biases left out."""
+    return network_operations(network, 1, int(np.count_nonzero(state)))
+
+
+def network_operations(network: QNetwork, decisions: int, active: int) -> Operations:
+    """Count what some decisions take, whose states had `active` inputs of 1 in sum."""
     first, *others = (weights.size for weights in network[::2])
-    active = int(np.count_nonzero(state))
     return Operations(
-        decisions=1,
-        multiply_accumulates=first + sum(others),
+        decisions=decisions,
+        multiply_accumulates=decisions * (first + sum(others)),
         active_inputs=active,
-        active_multiply_accumulates=active * network.weights_1.shape[1] + sum(others),
+        active_multiply_accumulates=active * network.weights_1.shape[1] + decisions * sum(others),
     )
 
 
@@ -185,13 +194,19 @@ def forward(network, active, number):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _values(
-    w1: Array, b1: Array, w2: Array, b2: Array, w3: Array, b3: Array, states: NDArray[np.uint8]
-) -> Array:
+def values_of(network, states):  # type: ignore[no-untyped-def]
+    """Return `action_values`, compiled; `network` is the tuple of its arrays."""
     active, number = np.empty(states.shape, np.int32), np.zeros(len(states), np.int64)
     for n in range(len(states)):
         for i in range(states.shape[1]):
             if states[n, i]:
                 active[n, number[n]] = i
                 number[n] += 1
-    return forward((w1, b1, w2, b2, w3, b3), active, number)[2]  # type: ignore[no-any-return]
+    return forward(network, active, number)[2]
+
+
+@numba.njit(cache=True)
+def _values(
+    w1: Array, b1: Array, w2: Array, b2: Array, w3: Array, b3: Array, states: NDArray[np.uint8]
+) -> Array:
+    return values_of((w1, b1, w2, b2, w3, b3), states)  # type: ignore[no-any-return]

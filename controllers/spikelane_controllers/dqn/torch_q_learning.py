@@ -46,7 +46,7 @@ class TorchQLearning(QLearning):
 
     def _update(self, rng: np.random.Generator) -> float:
         size = self._parameters.batch_size
-        batch = self._batch.filled(self._replay.sample(size, rng)).to(self._parameters.device)
+        batch = self._batch.filled(self.replay.sample(size, rng)).to(self._parameters.device)
         # Means of gradients that have vanished become so small that they cost ten times the time.
         torch.set_flush_denormal(True)
         with torch.no_grad():

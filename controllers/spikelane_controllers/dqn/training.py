@@ -6,14 +6,14 @@ written just before each checkpoint, so that it never has fewer than the checkpo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any, cast, ClassVar, NamedTuple
 
 from spikelane_controllers.checkpoint import Checkpoint
-from spikelane_controllers.dqn.controller import Dqn
+from spikelane_controllers.dqn.controller import Dqn, EndedAction
 from spikelane_controllers.dqn.visited_states import NAME, StateStore
 from spikelane_controllers.learning.learning_controller import LearningController
 from spikelane_controllers.learning.training import Training, TrainingParameters
@@ -86,6 +86,13 @@ class DqnTraining(Training):
         """Return about how many steps there will be after so many observations more."""
         return self.steps + observations // self.controller.parameters.task.steps_per_action
 
+    @property
+    def observations_to_take(self) -> int:
+        """How many observations there are until the next checkpoint, or until all is driven."""
+        actions = 0 if self._is_due else self._steps_to_take
+        # The answer to the observation that ends an action is the next action.
+        return actions * self.controller.parameters.task.steps_per_action - self.controller.held
+
     def scalars(self) -> dict[str, float]:
         """Return what can be plotted of the last episodes, under Stable-Baselines3's names."""
         recent, last = self.outcomes[-_RECENT_EPISODES:], self.outcomes[-1]
@@ -113,20 +120,34 @@ class DqnTraining(Training):
         del lane
         if self.controller.actions == self.steps:
             return False
+        self._add(self.controller.ended_action)
+        return True
+
+    def _take_in(self, answered: int, taken_in: Sequence[EndedAction]) -> int:
+        """Add the actions that have ended to the records, and return how many there are.
+
+        Raises:
+            SpikelaneError: The network has diverged.
+        """
+        del answered
+        for action in taken_in:
+            self._add(action)
+        return len(taken_in)
+
+    def _add(self, action: EndedAction) -> None:
+        """Add an action that has ended to the records."""
         self._actions += 1
-        self._reward += self.controller.reward
-        learner = self.controller.learner
-        if learner.updates > self._updates:
-            self._updates = learner.updates
-            self._loss += learner.loss
-            if not math.isfinite(learner.loss):
+        self._reward += action.reward
+        if action.updates > self._updates:
+            self._updates = action.updates
+            self._loss += action.loss
+            if not math.isfinite(action.loss):
                 raise SpikelaneError(
-                    f'the loss is {learner.loss} after {learner.updates} updates: expected a '
+                    f'the loss is {action.loss} after {action.updates} updates: expected a '
                     f'q_learning.learning_rate that is small enough, got '
                     f'{self.controller.parameters.q_learning.learning_rate:g}'
                 )
-        self._store.append(self.controller.counts)
-        return True
+        self._store.append(action.counts)
 
     def _begin_records(self) -> None:
         self._begin_episode()

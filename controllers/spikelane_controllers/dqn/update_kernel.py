@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.dqn.q_network import add_nonzero, forward
+from spikelane_controllers.dqn.q_network import add_nonzero, forward, QNetwork
 
 Flat = NDArray[np.float32]
 
@@ -35,6 +35,12 @@ class Shape(NamedTuple):
     hidden_1: int
     hidden_2: int
     n_actions: int
+
+
+def shape_of(network: QNetwork) -> Shape:
+    """Return the sizes of a network."""
+    weights = network.weights_1, network.weights_2, network.weights_3
+    return Shape(len(network.weights_1), *(each.shape[1] for each in weights))
 
 
 class Learnt(NamedTuple):
@@ -80,12 +86,12 @@ def update(  # type: ignore[no-untyped-def]
         number: How many updates there were before.
     """
     size = len(drawn)
-    network = _layers(learnt.weights, shape)
+    network = layers(learnt.weights, shape)
     states = _active(replay.states, drawn, shape.n_inputs)
     after = _active(replay.next_states, drawn, shape.n_inputs)
     outputs = forward(network, *states)
     best = forward(network, *after)[2]
-    worth = forward(_layers(learnt.target, shape), *after)[2]
+    worth = forward(layers(learnt.target, shape), *after)[2]
     slopes, loss = np.zeros((size, shape.n_actions), np.float32), np.float32(0.0)
     for n in range(size):
         row, action = drawn[n], np.int64(replay.actions[drawn[n]])
@@ -95,7 +101,7 @@ def update(  # type: ignore[no-untyped-def]
         error = outputs[2][n, action] - aim
         loss += error * error
         slopes[n, action] = error * np.float32(2 / size)
-    _backward(network, _layers(learnt.gradient, shape), states, outputs, slopes)
+    _backward(network, layers(learnt.gradient, shape), states, outputs, slopes)
     _note_moving(states, learnt.is_moving)
     _descend(learnt, shape, rates, number + 1)
     return loss / np.float32(size)
@@ -115,7 +121,7 @@ def find_moving(learnt, shape):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _layers(flat, shape):  # type: ignore[no-untyped-def]
+def layers(flat, shape):  # type: ignore[no-untyped-def]
     """Return the layers' weights and biases without copies; see `q_network.network_views`."""
     n_0, n_1, n_2, n_3 = shape
     end_1 = n_0 * n_1

@@ -198,8 +198,16 @@ class Training:
         self._keep(Start(lane.lane, lane.episode), lane.distance_m, wheels)
         return wheels
 
-    def take(self, start: Start, distance_m: float, answers: NDArray[np.float64]) -> None:
-        """Take in what a kernel has driven since the last call, in which every step counts.
+    def take(
+        self,
+        start: Start,
+        distance_m: float,
+        answers: NDArray[np.float64],
+        taken_in: Any,
+        *,
+        has_ended: bool,
+    ) -> None:
+        """Take in what a kernel has driven since the last call.
 
         The controller is already as these answers have left it.
 
@@ -207,17 +215,19 @@ class Training:
             start: The episode.
             distance_m: Distance from the lane's centre in the last observation answered.
             answers: Velocities of the left and the right wheel [rad/s], (n, 2), at most
-                `steps_to_take`.
+                `observations_to_take`; without that to the observation that ended the episode.
+            taken_in: What `ControllerFleet.taken_in` returned.
+            has_ended: Whether such an observation followed; then `end_episode` is to be called.
 
         Raises:
-            FileError: The checkpoint cannot be written.
+            SpikelaneError: The checkpoint cannot be written, or the training cannot go on.
         """
-        self._needs_reset = False
-        if not len(answers):
-            return
-        self.steps += len(answers)
-        self._is_due |= self.steps % self._parameters.save_every == 0
-        self._keep(start, distance_m, answers.ravel().tolist(), len(answers))
+        self._needs_reset = has_ended
+        if counted := self._take_in(len(answers), taken_in):
+            self.steps += counted
+            self._is_due |= self.steps % self._parameters.save_every == 0
+        if len(answers):
+            self._keep(start, distance_m, answers.ravel().tolist(), len(answers))
 
     def end_episode(self, lane: LaneState) -> None:
         """Note the end of an episode, whose last observation has just been answered."""
@@ -227,8 +237,13 @@ class Training:
         self.on_episode()
 
     @property
-    def steps_to_take(self) -> int:
-        """How many steps there are until the next checkpoint, or until all are driven."""
+    def observations_to_take(self) -> int:
+        """How many observations there are until the next checkpoint, or until all is driven."""
+        return self._steps_to_take
+
+    @property
+    def _steps_to_take(self) -> int:
+        """The same of steps."""
         every = self._parameters.save_every
         return min(every - self.steps % every, self._parameters.steps - self.steps)
 
@@ -256,6 +271,8 @@ class Training:
         self._start, self._distance_m = start, distance_m
         self._answers.extend(answers)
         self._n_replayed += number
+        if self._needs_reset:
+            return  # what is due is saved when the next episode has begun
         if self._is_due:
             self._record_step()
         if self._is_due or self.is_done:
@@ -310,6 +327,16 @@ class Training:
     def _counts(self, lane: LaneState) -> bool:
         """Return whether the step that ended with this observation counts."""
         return not lane.terminated
+
+    def _take_in(self, answered: int, taken_in: Any) -> int:
+        """Add what a kernel has driven to the records, and return how many steps count.
+
+        Args:
+            answered: Observations answered that did not end an episode.
+            taken_in: What `ControllerFleet.taken_in` returned.
+        """
+        del taken_in
+        return answered
 
     def _begin_records(self) -> None:
         """Begin the records that are kept in addition to the terminations."""

@@ -9,13 +9,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_controllers.fleet_kernel import write_down
 from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
 from spikelane_controllers.spiking.spikes import GRID_STEPS
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
-from spikelane_sim.fleet.kernel import HEADING, simulate, X, Y
+from spikelane_sim.fleet.kernel import simulate
 
 
 class Cells(NamedTuple):
@@ -123,27 +124,11 @@ def drive_on(  # type: ignore[no-untyped-def]
 
     Nothing is driven where the observation that was answered ended the episode.
     """
-    known, k = robots.known[i], journey.taken[i]
-    motors.distance_m[i] = known.distance_m
-    journey.answers[i, k, 0], journey.answers[i, k, 1] = left, right
-    if journey.places.shape[1] > 0:
-        _write_place(journey.places[i, k], robots.motion[i], known)
-    if known.reason > 0:
-        journey.has_ended[i] = True
+    motors.distance_m[i] = robots.known[i].distance_m
+    if not write_down(robots, journey, i, left, right):
         return False
-    journey.distance_m[i] = known.distance_m
-    journey.taken[i] = k + 1
     look_at(motors, simulate(world, robots, scratch, template, i, left, right), i)
     return True
-
-
-@numba.njit(cache=True)
-def _write_place(place, motion, known):  # type: ignore[no-untyped-def]
-    """Write down where an observation was made, as a record of `PLACE_DTYPE`."""
-    place['x_m'], place['y_m'], place['heading_rad'] = motion[X], motion[Y], motion[HEADING]
-    place['distance_m'], place['heading_error_rad'] = known.distance_m, known.heading_error_rad
-    place['position_m'], place['progress_m'] = known.position_m, known.progress_m
-    place['section'], place['laps'], place['events'] = known.section, known.laps, known.n_events
 
 
 @numba.njit(cache=True)

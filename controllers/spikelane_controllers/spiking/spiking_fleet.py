@@ -29,13 +29,17 @@ class SpikingFleet:
     controller_class: ClassVar[type[Any]]
     _networks: Any
 
+    @staticmethod
+    def check(parameters: Any) -> None:
+        """Accept all parameters: the kernel has all of them."""
+
     def __init__(self, parameters: Any, simulators: SimulatorFleet) -> None:
         """Make a controller for each robot.
 
         Raises:
             SpikelaneError: The image is not the camera's, or weights cannot be read.
         """
-        check_image(parameters, simulators)
+        check_image('encoding', parameters.encoding, simulators)
         number = len(simulators)
         self.controllers = [self.controller_class(parameters) for _ in range(number)]
         self._parameters = parameters
@@ -80,6 +84,9 @@ class SpikingFleet:
         decisions, inputs = self._motors.decisions[robot], self._motors.inputs[robot, 1]
         done: Operations = self.controllers[robot].operations_of(int(decisions), int(inputs))
         return done
+
+    def taken_in(self, robot: int) -> None:
+        """Return nothing: every answer is a step of the training."""
 
     def look(self, robot: int) -> None:
         """Let a controller see no events."""

@@ -13,6 +13,7 @@ from spikelane.commands.bench import find_benches
 from spikelane.main import run as run_command
 from spikelane_benches.benchmarks import run
 from spikelane_benches.dqn import measure_dqn
+from spikelane_benches.dqn_training import measure_dqn_training
 from spikelane_benches.engines import measure_engines
 from spikelane_benches.plasticity import measure_plasticity
 from spikelane_benches.q_learning import measure_q_learning
@@ -65,6 +66,15 @@ def test_both_backends_of_q_learning_are_timed() -> None:
     """With the same transitions, after the buffer has the random ones."""
     result = measure_q_learning(actions=80)
     assert result['ratio'] == pytest.approx(result['numba_us'] / result['torch_us'])
+    assert all(value > 0 for value in result.values())
+
+
+def test_trainings_of_the_dqn_are_timed() -> None:
+    """With both engines and both backends, each against pybullet and PyTorch."""
+    result = measure_dqn_training(actions=30, repeats=1)
+    for name in ('pybullet_numba', 'rigid_torch', 'rigid_numba'):
+        assert result[name] == pytest.approx(result[f'{name}_us'] / result['pybullet_torch_us'])
+        assert result[f'{name}_low'] == result[name] == result[f'{name}_high']
     assert all(value > 0 for value in result.values())
 
 

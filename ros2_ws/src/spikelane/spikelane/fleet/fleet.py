@@ -77,7 +77,7 @@ class Fleet:
         """Make a robot for each seed; none has begun an episode.
 
         Args:
-            controller: Name of one whose card has a fleet: 'rstdp' or 'braitenberg'.
+            controller: Name of one whose card has a fleet: 'rstdp', 'braitenberg' or 'dqn'.
             seeds: Seed of each robot's simulator and of its controller.
             simulator: Parameters of all simulators, an object or values under dotted names, as
                 {'robot.engine': 'rigid'}; a fleet has the engines 'kinematic' and 'rigid'.

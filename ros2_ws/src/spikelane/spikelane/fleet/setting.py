@@ -8,7 +8,7 @@ from typing import Any
 
 from spikelane.fleet.fleet import Fleet
 from spikelane.runs.configuration import Configuration
-from spikelane_controllers.registry import card
+from spikelane_controllers.registry import card, fleet_class
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.fleet.world import check_world
 
@@ -24,6 +24,7 @@ def has_kernel(config: Configuration) -> bool:
         return False
     try:
         check_world(config.simulator, config.filter)
+        fleet_class(config.controller).check(config.controller_parameters)
     except ParameterError:
         return False
     return True

@@ -15,6 +15,9 @@ from spikelane_controllers.fleet import Journey, make_journey
 from spikelane_controllers.learning.training import Start, Training
 from spikelane_sim.errors import SpikelaneError
 
+#: That a robot answers before it is the next one's turn: their records stay small.
+_MOST_OBSERVATIONS = 1000
+
 #: Called with the number of a training that has come on, and its progress along the lane [m].
 OnProgress = Callable[[int, float], None]
 
@@ -90,7 +93,7 @@ def _begin(fleet: Fleet, robot: int, training: Training) -> None:
 def _drive(
     fleet: Fleet, trainings: Sequence[Training], show: OnProgress, attempts: _Attempts
 ) -> None:
-    journey = make_journey(len(fleet), max(each.parameters.save_every for each in trainings))
+    journey = make_journey(len(fleet), _MOST_OBSERVATIONS)
     while True:
         check()
         journey.wanted[:] = 0
@@ -99,7 +102,7 @@ def _drive(
                 continue
             if training.needs_reset:
                 fleet.reset(robot)
-            journey.wanted[robot] = training.steps_to_take
+            journey.wanted[robot] = min(training.observations_to_take, _MOST_OBSERVATIONS)
         if not journey.wanted.any():
             return
         fleet.advance(journey)
@@ -116,6 +119,10 @@ def _take(fleet: Fleet, robot: int, training: Training, journey: Journey) -> Non
     state = fleet.simulators.lane_state(robot)
     answers = journey.answers[robot, : journey.taken[robot]]
     distance_m = float(journey.distance_m[robot])
-    training.take(Start(state.lane, state.episode), distance_m, answers)
-    if journey.has_ended[robot]:
+    has_ended = bool(journey.has_ended[robot])
+    taken_in = fleet.controllers.taken_in(robot)
+    training.take(
+        Start(state.lane, state.episode), distance_m, answers, taken_in, has_ended=has_ended
+    )
+    if has_ended:
         training.end_episode(state)
