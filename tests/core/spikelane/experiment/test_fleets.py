@@ -221,7 +221,7 @@ matrix:
 
 
 def test_what_the_kernel_lacks_is_done_alone(tmp_path: Path) -> None:
-    """The engine pybullet and other controllers have no setting in common with anything."""
+    """The engine pybullet has no setting in common with anything."""
     text = """
 name: some
 matrix:
@@ -231,10 +231,12 @@ matrix:
   tasks: {train: {steps: 100}}
 """
     plan = make_plan(read_experiment(experiment_in(tmp_path, text)))
-    assert [run.name for run in plan.runs if run.setting] == [
+    assert {run.name for run in plan.runs if run.setting} == {
         'train-rstdp-1-kinematic-plain-seed0',
         'train-rstdp-1-kinematic-filtered-seed0',
-    ]
+        'train-dqn-1-kinematic-plain-seed0',
+        'train-dqn-1-kinematic-filtered-seed0',
+    }
     assert local_engine(3).most_together == 64
     assert local_engine(3, 1).most_together == 1
 
