@@ -156,7 +156,7 @@ def test_laps_are_those_of_single_robots_on_their_own_courses() -> None:
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        (('dqn_snn', [0]), r'controller: expected one that drives a fleet \(.*rstdp.*\), got dqn_snn'),
+        (('dqn_snn', [0]), r'expected one that drives a fleet \(.*rstdp.*\), got dqn_snn'),
         (('rstdp', []), 'n_robots: expected at least 1, got 0'),
     ],
 )
