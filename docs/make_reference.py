@@ -126,9 +126,11 @@ def executables(folder: Path) -> dict[str, Executable]:
         module, cls = f'spikelane_controllers.nodes.{own}'.rsplit('.', 1)
         starts = [Start('', {}), Start('`use_lane_state` false', {'use_lane_state': False})]
         starts.append(Start('`recorder_window_steps` above 0', {'recorder_window_steps': 600}))
+        starts += _starts_with_a_base()
         if learns:
             output = {'learning': True, 'output': str(folder / name)}
             starts.append(Start('`learning`', output))
+            starts += _starts_on_a_robot(folder / f'{name}_on_a_robot')
         nodes[name] = Executable('spikelane_controllers', _class(module, cls, name), starts)
     bag = str(ROOT / 'tests/data/bag_none')
     for module, cls, parameters in (
@@ -146,9 +148,38 @@ def executables(folder: Path) -> dict[str, Executable]:
     nodes['wheels_to_twist'] = Executable(
         'spikelane',
         _class('spikelane.nodes.wheels_to_twist', 'WheelsToTwist'),
-        (Start('', {}), Start('`use_stamped_vel`', {'use_stamped_vel': True})),
+        (
+            Start('', {}),
+            Start('`use_stamped_vel`', {'use_stamped_vel': True}),
+            Start('`dead_man` joystick', {'dead_man': 'joystick'}),
+            Start('`dead_man` bool', {'dead_man': 'bool'}),
+        ),
     )
     return nodes
+
+
+def _starts_with_a_base() -> list[Start]:
+    """Return the starts of a controller that drives a robot's base."""
+    return [
+        Start('`command` twist', {'command': 'twist'}),
+        Start('`command` twist_stamped', {'command': 'twist_stamped'}),
+        *(
+            Start(f'`base.dead_man` {kind}', {'command': 'twist', 'base.dead_man': kind})
+            for kind in ('joystick', 'bool')
+        ),
+    ]
+
+
+def _starts_on_a_robot(output: Path) -> list[Start]:
+    """Return the starts of a controller that learns without a simulator."""
+    usual = {'learning': True, 'use_lane_state': False, 'command': 'twist'}
+    return [
+        Start(
+            f'`learning`, `lane_source` {source}',
+            {**usual, 'lane_source': source, 'output': f'{output}_{source}'},
+        )
+        for source in ('distance', 'state')
+    ]
 
 
 def _class(module: str, name: str, *arguments: str) -> Callable[[], Node]:

@@ -68,6 +68,8 @@ TERMINATED_LANE_LOST = 'lane_lost'
 TERMINATED_LAPS_COMPLETE = 'laps_complete'
 TERMINATED_STEP_LIMIT = 'step_limit'
 TERMINATED_NO_PROGRESS = 'no_progress'
+#: On a real robot: a person has put it back before it lost the lane.
+TERMINATED_PUT_BACK = 'put_back'
 
 
 class WheelEncoders(NamedTuple):

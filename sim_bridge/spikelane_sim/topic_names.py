@@ -15,6 +15,10 @@ WHEELS = 'wheel_velocities'
 WHEEL_ARRAY = 'wheel_velocity_controller/commands'
 TWIST = 'cmd_vel'
 
+#: Dead-man switches: a joystick, or true while the robot may drive.
+JOYSTICK = 'joy'
+DEAD_MAN = 'dead_man_switch'
+
 CONTROLLER_STATE = 'controller/state'
 WEIGHTS = 'controller/weights'
 #: What a controller records of itself, where it is asked to.

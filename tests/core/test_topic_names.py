@@ -31,6 +31,8 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         'wheel_velocities',
         'wheel_velocity_controller/commands',
         'cmd_vel',
+        'joy',
+        'dead_man_switch',
         'controller/state',
         'controller/weights',
         'controller/recorded',

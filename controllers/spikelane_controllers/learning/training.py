@@ -279,8 +279,12 @@ class Training:
             self._save()
             self._is_due = False
 
-    def resume(self) -> None:
+    def resume(self, *, can_repeat: bool = True) -> None:
         """Go on where the checkpoint stands.
+
+        Args:
+            can_repeat: Whether the episode that was interrupted can be driven again, as in a
+                simulation; otherwise the training goes on with the next one.
 
         Raises:
             CheckpointError: There is none that can be read, or it is of another configuration.
@@ -294,6 +298,9 @@ class Training:
             self._restore_records(checkpoint)
         except CheckpointError as error:
             raise CheckpointError(f'{self._checkpoint}: {error}') from None
+        if not can_repeat:
+            self._answers = array('d')
+            self._start = Start(self._start.lane, self._start.episode + 1)
 
     def _restore(self, arrays: Arrays, facts: Mapping[str, Any]) -> None:
         """Become what `_save` wrote of the training itself."""

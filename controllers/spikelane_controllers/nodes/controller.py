@@ -29,10 +29,12 @@ from spikelane_controllers.nodes.diagnostics import ControllerDiagnostics, Count
 from spikelane_controllers.nodes.shown_publishers import ShownPublishers
 from spikelane_controllers.nodes.warm_up import warm_up
 from spikelane_controllers.registry import controller_class
-from spikelane_sim import messages, topic_names
+from spikelane_sim import contract, messages, topic_names
+from spikelane_sim.binning import SensorStep
 from spikelane_sim.contract import Controller, Observation, sensors_of, WheelEncoders
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.base_drive import BaseDrive
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.local_topics import LocalTopics
@@ -78,7 +80,8 @@ class ControllerNode(Node):
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
         self._is_answered = self._is_sent = self._is_halted = False
-        self._lane: LaneState | None = None  # of the last observation answered
+        # Of the last observation answered.
+        self._lane: LaneState | contract.LaneState | None = None
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()
         kept = QoSProfile(depth=self._settings.history_depth)
@@ -101,6 +104,7 @@ class ControllerNode(Node):
         self._observations = DirectSubscriptions(
             self, lambda: self._groups.lacks_others or self._meeting.needs_recorder, local
         )
+        self._base = self._make_base()
         self._subscribe()
         # A camera waits for nobody.
         is_lockstep = self._settings.use_lane_state
@@ -122,6 +126,7 @@ class ControllerNode(Node):
 
     def halt(self, number: int) -> None:
         """Answer nothing more, and say where that cuts an episode short; see `run_node`."""
+        self._stop_base()
         with self._lock:
             self._is_halted = True
         self._check_cut_short(number)
@@ -129,6 +134,7 @@ class ControllerNode(Node):
 
     def destroy_node(self) -> None:
         """Stop answering."""
+        self._stop_base()
         self._observations.stop()
         super().destroy_node()
 
@@ -145,12 +151,42 @@ class ControllerNode(Node):
 
     def _fail(self, reason: str) -> None:
         """End with status 1: the drive is nobody's."""
+        self._stop_base()
         with self._lock:
             self._is_halted = True
         self.get_logger().fatal(reason)
         self.exit_status = 1
         self._meeting.end(is_cut_short=True)
         self.is_done = True
+
+    def _make_base(self) -> BaseDrive | None:
+        """Return what drives the robot's base; None where nothing but the wheels is asked for."""
+        command = self._settings.command
+        if command == 'wheels':
+            return None
+        return BaseDrive(
+            self,
+            self._settings.base,
+            topic_names.WHEELS,
+            is_stamped=command == 'twist_stamped',
+            others=self._watched(),
+            max_events_per_s=self._settings.max_events_per_s,
+            on_geometry=self.get_logger().info,
+        )
+
+    def _watched(self) -> tuple[str, ...]:
+        """Return the topics without which the base is stopped."""
+        lanes = (topic_names.LANE_STATE,) if self._settings.use_lane_state else ()
+        return (topic_names.EVENTS, *lanes)
+
+    def _hear(self, topic: str) -> None:
+        if self._base is not None:
+            self._base.hear(topic)
+
+    def _stop_base(self) -> None:
+        """Tell the base to stand, at once: a step may be at work, and may hang."""
+        if self._base is not None:
+            self._base.halt()
 
     def _make_driver(self, name: str) -> Controller:
         """Declare the controller's parameters and make it."""
@@ -220,6 +256,7 @@ class ControllerNode(Node):
             self._sensor,
             lambda: Counts(self._received, self._lane_states, self._steps),
             self._lacks,
+            self._base,
         )
 
     def _look_at_publishers(self) -> None:
@@ -287,6 +324,7 @@ class ControllerNode(Node):
 
     def _on_lane_state(self, lane: LaneState) -> None:
         self._lane_states += 1
+        self._hear(topic_names.LANE_STATE)
         self._groups.add(0, lane)
 
     def _on_joint_state(self, joints: JointState) -> None:
@@ -300,6 +338,7 @@ class ControllerNode(Node):
 
     def _on_packet(self, packet: EventPacket) -> None:
         self._received += 1
+        self._hear(topic_names.EVENTS)
         try:
             if self._settings.use_lane_state:
                 self._groups.add(2 if self._has_encoders else 1, packet)
@@ -317,15 +356,30 @@ class ControllerNode(Node):
             return
         self._seen = identity
         state = None if lane is None else messages.lane_state_from_message(lane)
-        for step in self._sensor.add(messages.received_packet(packet), state):
+        before = self._sensor.events_in
+        steps = self._sensor.add(messages.received_packet(packet), state)
+        if self._base is not None:
+            self._base.hear(topic_names.EVENTS, self._sensor.events_in - before)
+        for step in steps:
             with self._lock:
                 if self._is_halted:
                     return
-                self._step(Observation(step.stamp_ns, step.events, state, self._encoders))
-                self._lane = lane
+                observation = self._observation(step, state)
+                if observation is None:
+                    continue
+                self._step(observation)
+                self._lane = lane or observation.lane
                 self._is_answered, self._is_sent = True, False
                 self._steps += 1
                 self._publish_answer()
+                if self._base is not None:
+                    self._base.drive(messages.wheels_from_message(self._answer))
+
+    def _observation(
+        self, step: SensorStep, state: contract.LaneState | None
+    ) -> Observation | None:
+        """Return what the controller is to answer; None for nothing."""
+        return Observation(step.stamp_ns, step.events, state, self._encoders)
 
     def _step(self, observation: Observation) -> None:
         self._answer.left, self._answer.right = self._host.step(observation)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rclpy.qos import ReliabilityPolicy
 
 from spikelane_sim.binning import SensorParameters
+from spikelane_sim.drive_limiter import BaseParameters
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.nodes.meeting import MeetingParameters
 from spikelane_sim.parameters import nested, parameter
@@ -37,5 +38,20 @@ class ControllerNodeParameters(MeetingParameters):
         'Quantities of the controller, as spikes and weights, that are published on '
         'controller/recorded in each step; all: everything that it offers; none: no such topic.',
     )
+    command: str = parameter(
+        'wheels',
+        "What drives the robot. wheels: wheel_velocities alone. twist, twist_stamped: the robot's "
+        'base takes cmd_vel as Twist or TwistStamped, which is published beside them.',
+        choices=('wheels', 'twist', 'twist_stamped'),
+    )
+    max_events_per_s: float = parameter(
+        0.0,
+        'The base is stopped while the camera sends more events than this, as flickering light '
+        'or a fault makes it do; 0: never.',
+        unit='1/s',
+        low=0.0,
+        high=1e12,
+    )
+    base: BaseParameters = nested(BaseParameters)
     sensor: SensorParameters = nested(SensorParameters)
     filter: FilterParameters = nested(FilterParameters)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from spikelane_sim.nodes.base_drive import BaseDrive
 from spikelane_sim.nodes.status_publisher import StatusPublisher
 from spikelane_sim.nodes.waiting import WaitingWarnings
 from spikelane_sim.sensor import Sensor
@@ -43,6 +44,7 @@ class ControllerDiagnostics:
         sensor: Sensor,
         counts: Callable[[], Counts],
         lacks: Callable[[], str],
+        base: BaseDrive | None = None,
     ) -> None:
         """Begin to report, by steady time: that of a simulator may stand still.
 
@@ -52,9 +54,10 @@ class ControllerDiagnostics:
             sensor: Counts what is wrong with the packets.
             counts: Returns what was received and answered.
             lacks: Returns what the node waits for.
+            base: Drives the robot's base; None where the node drives none.
         """
         self._node, self._topic, self._sensor = node, topic, sensor
-        self._counts, self._lacks = counts, lacks
+        self._counts, self._lacks, self._base = counts, lacks, base
         self._said: dict[str, tuple[str, int]] = {}  # notes of the sensor, and when [periods]
         self._periods = 0
         self._faults: dict[str, int] = {}  # at the last message
@@ -83,17 +86,25 @@ class ControllerDiagnostics:
         before, self._faults = self._faults, self._count_faults()
         has_new_faults = any(self._faults[name] > before.get(name, 0) for name in self._faults)
         is_waiting = self._waiting.is_due
+        text = self._lacks() if is_waiting else 'answering'
+        stopped = '' if self._base is None else self._base.lacks()
         self._status.publish(
-            self._lacks() if is_waiting else 'answering',
+            '; '.join(filter(None, (text, stopped))),
             {
                 **self._counts()._asdict(),
                 'waiting_s': self._waiting.idle_s,
                 **self._event_counts(),
                 'source': {None: '', True: 'camera', False: 'simulator'}[self._sensor.is_camera],
                 **self._faults,
+                **self._base_values(),
             },
-            is_worrying=is_waiting or has_new_faults,
+            is_worrying=is_waiting or has_new_faults or bool(stopped),
         )
+
+    def _base_values(self) -> dict[str, object]:
+        """Return what the base was told, under names that say so."""
+        values = {} if self._base is None else self._base.values()
+        return {f'base_{name}': value for name, value in values.items()}
 
     def _event_counts(self) -> dict[str, float]:
         """Return how many events came to the filters and passed, and how many a second lately."""

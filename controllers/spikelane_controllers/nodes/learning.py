@@ -19,18 +19,22 @@ from spikelane_controllers.learning.learning_controller import (
     check_learning_parameters,
     LearningController,
 )
+from spikelane_controllers.learning.robot_episodes import RobotEpisodes
 from spikelane_controllers.learning.scalar_log import LOG_FOLDER, ScalarLog
 from spikelane_controllers.learning.training import Training
 from spikelane_controllers.nodes.controller import ControllerNode
-from spikelane_controllers.registry import controller_class, training_class
+from spikelane_controllers.nodes.robot_lane import LANE_TOPICS, RobotLane
+from spikelane_controllers.registry import controller_class, training_card, training_class
 from spikelane_controllers.shown import shown_by
-from spikelane_sim import messages, topic_names
+from spikelane_sim import contract, messages, topic_names
+from spikelane_sim.binning import SensorStep
 from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.simulator_parameters import EpisodeParameters
 
 WEIGHTS_EVERY_STEPS = 100
 # The window in which a controller waits for a recorder has room for fewer.
@@ -45,12 +49,32 @@ class LearningNodeParameters(Parameters):
         '', 'Folder for the checkpoints of the training; required for learning.'
     )
     resume: bool = parameter(False, 'Resume the training in the folder.')
+    lane_source: str = parameter(
+        'simulator',
+        'Where the distance from the lane comes from in learning. simulator: lane/state with '
+        'each observation, and simulator/reset begins episodes. On a robot: lane/distance '
+        '(distance) or lane/state (state), from whatever node, and a person begins episodes '
+        'with ~/begin_episode.',
+        choices=('simulator', *LANE_TOPICS),
+    )
+    lane_name: str = parameter(
+        'lane', 'Name of the lane on a robot, where lane_source is distance.'
+    )
+    lost_beyond_m: float = parameter(
+        0.0,
+        "Distance from the lane's centre that ends an episode on a robot; 0: that of the "
+        "controller's training in simulation.",
+        unit='m',
+        low=0.0,
+        high=100.0,
+    )
 
 
 class LearningNode(ControllerNode):
     """Drives, or trains: it then resets the simulator to each episode and ends when all is done.
 
-    What the simulator publishes before its first reset took effect is not answered.
+    What the simulator publishes before its first reset took effect is not answered. On a robot a
+    person takes the place of the simulator's reset, see `RobotLane`.
     """
 
     @property
@@ -81,9 +105,10 @@ class LearningNode(ControllerNode):
         return super()._make_driver(name)
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
-        settings = declare_parameters(self, LearningNodeParameters)
+        self._learning = settings = declare_parameters(self, LearningNodeParameters)
         check_can_learn(name, driver)
         driver = cast(LearningController, driver)
+        self._controller_name = name
         cls = training_class(name)
         parameters = declare_parameters(self, cls.parameters_class)
         self._publish_weights(driver, 0)
@@ -91,8 +116,7 @@ class LearningNode(ControllerNode):
             return driver
         if not settings.output:
             raise ParameterError("output: expected the folder of the training, got ''")
-        if not self._settings.use_lane_state:
-            raise ParameterError('use_lane_state: expected true, since the reward depends on it')
+        self._check_lane_source()
         config = {
             'controller': name,
             'seed': self._settings.seed,
@@ -104,19 +128,75 @@ class LearningNode(ControllerNode):
         checkpoint = folder / 'checkpoint.safetensors'
         training = cls(name, driver, parameters, config, checkpoint)
         if settings.resume:
-            training.resume()
+            training.resume(can_repeat=settings.lane_source == 'simulator')
         else:
             training.begin(self._settings.seed)
         ScalarLog(folder / LOG_FOLDER, training, time.monotonic)
         # The client is made before the subscriptions. A service drops an answer to a client that
         # it has not met within 0.1 s; a simulator that waits for our subscriptions has met the
         # client before it answers.
-        self._client = self.create_client(Reset, 'simulator/reset')
+        if settings.lane_source == 'simulator':
+            self._client = self.create_client(Reset, 'simulator/reset')
         return training
+
+    @property
+    def _is_on_robot(self) -> bool:
+        """Whether it learns without a simulator."""
+        return self._training is not None and self._learning.lane_source != 'simulator'
+
+    def _check_lane_source(self) -> None:
+        source, settings = self._learning.lane_source, self._settings
+        if source == 'simulator':
+            if not settings.use_lane_state:
+                raise ParameterError(
+                    'use_lane_state: expected true, since the reward depends on it; on a robot '
+                    'lane_source says where the distance from the lane comes from'
+                )
+            return
+        if settings.use_lane_state:
+            raise ParameterError(f'use_lane_state: expected false with lane_source {source}')
+        if settings.command == 'wheels':
+            raise ParameterError(
+                f'command: expected twist or twist_stamped with lane_source {source}, since '
+                'learning pauses while the base may not drive, got wheels'
+            )
+
+    def _watched(self) -> tuple[str, ...]:
+        lanes = (LANE_TOPICS[self._learning.lane_source],) if self._is_on_robot else ()
+        return (*super()._watched(), *lanes)
+
+    def _observation(
+        self, step: SensorStep, state: contract.LaneState | None
+    ) -> Observation | None:
+        if self._lane_of_robot is None:
+            return super()._observation(step, state)
+        lane = self._lane_of_robot.next()
+        return None if lane is None else super()._observation(step, lane)
+
+    def _make_robot_lane(self, training: Training) -> RobotLane:
+        assert self._base is not None  # as was checked
+        settings = self._learning
+        defaults = training_card(self._controller_name).defaults
+        lost_m = settings.lost_beyond_m or float(
+            defaults.get('simulator.episode.max_distance_m', EpisodeParameters().max_distance_m)
+        )
+        return RobotLane(
+            self,
+            settings.lane_source,
+            settings.lane_name,
+            RobotEpisodes(lost_m, training.start.episode),
+            self._base,
+            self._lock,
+            training.end_episode,
+        )
 
     def _start(self) -> None:
         self._first_stamp_ns: int | None = None  # of the training's first episode, to wait for
+        self._lane_of_robot: RobotLane | None = None
         if self._training is None:
+            super()._start()
+        elif self._is_on_robot:
+            self._lane_of_robot = self._make_robot_lane(self._training)
             super()._start()
         elif self._has_learnt:
             self.context.try_shutdown()
@@ -126,6 +206,8 @@ class LearningNode(ControllerNode):
             self._search = self.create_timer(0.1, self._reset_if_there, clock=steady)
 
     def _lacks(self) -> str:
+        if self._is_on_robot:
+            return super()._lacks()
         if self._training is not None and not self._client.service_is_ready():
             return 'waiting to reset the simulator: no service simulator/reset is found'
         return super()._lacks()
@@ -155,6 +237,7 @@ class LearningNode(ControllerNode):
         if not self._has_learnt:  # the next observation may be here before the node has ended
             super()._on_observation(lane, packet)
         if self._has_learnt:
+            self._stop_base()
             self._meeting.end(is_cut_short=False)
             self.is_done = True
             if self.executor is not None:
@@ -171,7 +254,7 @@ class LearningNode(ControllerNode):
         observed = self._steps + 1  # this one included
         if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.subscribers:
             self._publish_weights(self._driver, observation.stamp_ns)
-        if self._training.needs_reset:
+        if self._training.needs_reset and not self._is_on_robot:
             # Its answer is not waited for: the first observation comes by itself.
             self._client.call_async(Reset.Request(lane='', seed=-1))
 

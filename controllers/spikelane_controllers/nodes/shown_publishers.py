@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Collection
 import functools
-from typing import Any
+from typing import Any, TypeAlias
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
@@ -14,9 +14,11 @@ from spikelane_msgs.msg import ControllerState, LaneState, Recorded, RecordedQua
 
 from spikelane_controllers.quantities import begin_to_record, Quantity, Sample, SpikeTimes
 from spikelane_controllers.shown import shown_by
-from spikelane_sim import topic_names
+from spikelane_sim import contract, topic_names
 from spikelane_sim.contract import Controller
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
+
+AnyLaneState: TypeAlias = LaneState | contract.LaneState
 
 
 class ShownPublishers:
@@ -59,7 +61,7 @@ class ShownPublishers:
             self._sent.append((recorded, self._filled_recorded))
         self.publishers = tuple(publisher for publisher, _ in self._sent)
 
-    def send(self, stamp: Time, lane: LaneState | None, *, again: bool = False) -> None:
+    def send(self, stamp: Time, lane: AnyLaneState | None, *, again: bool = False) -> None:
         """Send what the controller shows of its last step.
 
         Args:
@@ -71,7 +73,7 @@ class ShownPublishers:
             send = publisher.send_again if again else publisher.send
             send(functools.partial(make, stamp, lane))
 
-    def _filled_state(self, stamp: Time, lane: LaneState | None) -> ControllerState:
+    def _filled_state(self, stamp: Time, lane: AnyLaneState | None) -> ControllerState:
         state = self._state
         _begin(state, stamp, lane)
         shown = shown_by(self._driver)
@@ -80,7 +82,7 @@ class ShownPublishers:
         state.learning = getattr(self._driver, 'learning', False)
         return state
 
-    def _filled_recorded(self, stamp: Time, lane: LaneState | None) -> Recorded:
+    def _filled_recorded(self, stamp: Time, lane: AnyLaneState | None) -> Recorded:
         message = self._recorded
         _begin(message, stamp, lane)
         samples = shown_by(self._driver).recorded
@@ -90,7 +92,7 @@ class ShownPublishers:
         return message
 
 
-def _begin(message: ControllerState | Recorded, stamp: Time, lane: LaneState | None) -> None:
+def _begin(message: ControllerState | Recorded, stamp: Time, lane: AnyLaneState | None) -> None:
     message.header.stamp = stamp
     if lane is not None:
         message.episode, message.step = lane.episode, lane.step

@@ -241,6 +241,33 @@ def test_a_urdf_file_says_its_size(graph: Any, tmp_path: Path) -> None:
         assert process.log.count('\n') == 1
 
 
+def test_a_robot_stops_soon_after_its_controller_hangs_or_was_killed(graph: Any) -> None:
+    """Within a quarter of a second: the smallest of several times, as the machine may be busy."""
+    driven = Driven(graph, GEOMETRY)
+    names = ('-r', f'__ns:={driven.space}')
+    simulator = graph.start('simulator', {'mode': 'realtime'}, *names)
+    controller = graph.start('braitenberg', {}, *names)
+
+    def stopped_after_s(number: int) -> float:
+        driven.heard.clear()
+        graph.until(lambda: driven.heard and driven.last[0] > 0.0, 'a robot that drives')
+        controller.send(number)
+        since_s = time.monotonic()
+        graph.until(lambda: driven.stops, 'a stop')
+        return time.monotonic() - since_s
+
+    times_s = []
+    for _ in range(5):
+        times_s.append(stopped_after_s(signal.SIGSTOP))
+        controller.send(signal.SIGCONT)
+    print('hanging: stopped after', times_s, 's')
+    assert min(times_s) <= 0.25
+    killed_s = stopped_after_s(signal.SIGKILL)
+    print('killed: stopped after', killed_s, 's')
+    assert killed_s <= 5.0  # measured once: 0.2 s where the machine is not busy
+    simulator.kill()
+
+
 def test_rstdp_drives_the_simulator_through_it(graph: Any) -> None:
     """In real time, by the shipped weights, 3 m along the lane near its centre.
 
