@@ -12,14 +12,17 @@ import math
 from pathlib import Path
 from typing import Any, cast, ClassVar, NamedTuple
 
-from spikelane_controllers.checkpoint import Checkpoint
+import numpy as np
+from numpy.typing import NDArray
+
+from spikelane_controllers.checkpoint import Checkpoint, read_checkpoint
 from spikelane_controllers.dqn.controller import Dqn, EndedAction
 from spikelane_controllers.dqn.visited_states import NAME, StateStore
 from spikelane_controllers.learning.learning_controller import LearningController
 from spikelane_controllers.learning.training import Training, TrainingParameters
 from spikelane_controllers.saved_state import number, records
 from spikelane_sim.contract import LaneState
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import CheckpointError, SpikelaneError
 from spikelane_sim.parameters import MOST_STEPS, parameter
 
 _RECENT_EPISODES = 100  # that Stable-Baselines3 takes means over
@@ -181,3 +184,22 @@ class DqnTraining(Training):
         self._updates = self.controller.learner.updates
         [present] = records({'present': [facts.get('present')]}, 'present', _Present)
         self._actions, self._reward, self._loss, self._updates_before = present
+
+
+def visited_episodes(checkpoint: Path, states: int) -> NDArray[np.int64]:
+    """Return the number of the episode that each state of a training was met in, (states,).
+
+    Args:
+        checkpoint: The training's folder, or its checkpoint.
+        states: How many states there are.
+
+    Raises:
+        CheckpointError: The checkpoint cannot be read, or its episodes have more states.
+    """
+    facts = read_checkpoint(checkpoint, 'dqn').facts
+    lengths = [each.actions for each in records(facts, 'outcomes', Outcome)]
+    if min(lengths, default=0) < 0 or sum(lengths) > states:
+        raise CheckpointError(
+            f'{checkpoint}: expected at least {sum(lengths)} states, got {states}'
+        )
+    return np.repeat(np.arange(len(lengths) + 1), [*lengths, states - sum(lengths)])

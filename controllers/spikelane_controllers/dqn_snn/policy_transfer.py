@@ -6,8 +6,9 @@ normalised, and its firing rates are compared with the activations that they sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+import tempfile
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,9 @@ from spikelane_controllers.dqn.controller import Dqn
 from spikelane_controllers.dqn.parameters import DqnParameters
 from spikelane_controllers.dqn.pytorch import require_pytorch
 from spikelane_controllers.dqn.q_network import action_values, MOST_WEIGHTS
+from spikelane_controllers.dqn.training import visited_episodes
 from spikelane_controllers.dqn.visited_states import NAME, read_states
+from spikelane_controllers.dqn_snn.controller import DqnSnn, DqnSnnParameters, FrameParameters
 from spikelane_controllers.dqn_snn.convergence import rate_errors, RateError
 from spikelane_controllers.dqn_snn.integrate_and_fire import IntegrateAndFireParameters
 from spikelane_controllers.dqn_snn.normalisation import normalise, Normalised
@@ -31,11 +34,15 @@ from spikelane_controllers.dqn_snn.transfer import (
     TransferParameters,
 )
 from spikelane_controllers.dqn_snn.transferred import Transferred, write_transferred
-from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
+from spikelane_controllers.learning.gathering import (
+    gather_states,
+    Gathered,
+    GatheringParameters,
+)
 from spikelane_controllers.learning.transfer import OnStageProgress, STATES, TransferRequest
 from spikelane_controllers.saved_state import mapping
 from spikelane_controllers.weights import find_checkpoint
-from spikelane_sim.encoding import Counts
+from spikelane_sim.contract import Controller
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import check_size, Parameters
 from spikelane_sim.simulator import Simulator
@@ -44,6 +51,7 @@ from spikelane_sim.task import ACTIONS
 _TRAINING_STEPS = 'training steps'
 _RATE_DURATIONS_MS = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 _RATE_STATES = 50
+_ROUNDS_APART = 1_000_000  # seeds between those of two rounds
 _RESETS = {'reset to 0': 'zero', 'less the threshold': 'subtract'}
 
 
@@ -104,22 +112,13 @@ class PolicyTransfer:
         """
         require_pytorch()  # before anything is driven
         policy = self._policy()
-        parts = self._gathered(policy, show)
-        counts = np.vstack(list(parts.values()))
-        actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
-        labelled = Labelled(counts, actions.astype(np.int64))
-        self._learnt = learn_policy(
-            labelled,
-            len(ACTIONS),
-            self._gathering.encoding.frames,
-            self._transfer,
-            # 0 to 2: simulator, controller, gathering.
-            np.random.default_rng([self._request.seed, 3]),
-            lambda done, of: show(_TRAINING_STEPS, done, of),
-        )
-        self._normalised = normalise(self._learnt.network, self._normalising_inputs())
-        self._states = {name: len(states) for name, states in parts.items()}
-        self._shares = class_shares(labelled.actions, len(ACTIONS))
+        parts = self._visited()
+        rounds = self._transfer.rounds
+        for number in range(rounds + 1):
+            driver, name = (self._spiking(), f'round {number}') if number else (policy, 'gathered')
+            show_round = _show_of_round(show, number, rounds)
+            parts[name] = self._gathered(driver, number, show_round)
+            self._learn(policy, parts, show_round)
 
     def save(self, path: Path, config: Mapping[str, Any]) -> None:
         """Write both networks.
@@ -157,24 +156,53 @@ class PolicyTransfer:
             },
         }
 
-    def _gathered(self, policy: Dqn, show: OnStageProgress) -> dict[str, NDArray[np.uint8]]:
-        """Return states, (n, n_inputs), by where they are from."""
+    def _visited(self) -> dict[str, Gathered]:
+        """Return the states met in the training, if they are to be used."""
         request = self._request
-        parts: dict[str, NDArray[np.uint8]] = {}
-        if request.from_training:
-            trained = read_states(
-                _states_file(find_checkpoint(request.source, request.checkpoint))
-            )
-            parts['training'] = trained.reshape(len(trained), -1)
-        with Simulator(request.simulator) as simulator:
-            parts['gathered'] = gather_states(
+        if not request.from_training:
+            return {}
+        checkpoint = find_checkpoint(request.source, request.checkpoint)
+        states = read_states(_states_file(checkpoint))
+        counts = states.reshape(len(states), -1)
+        return {'training': Gathered(counts, visited_episodes(checkpoint, len(counts)))}
+
+    def _gathered(self, driver: Controller, number: int, show: OnStageProgress) -> Gathered:
+        """Return states met where a controller drives, in each round with another seed."""
+        seed = self._request.seed + _ROUNDS_APART * number
+        with Simulator(self._request.simulator) as simulator:
+            return gather_states(
                 simulator,
-                lambda counts: _action(policy, counts),
+                driver,
                 self._gathering,
-                request.seed,
+                seed,
                 lambda done, of: show(STATES, done, of),
             )
-        return parts
+
+    def _learn(self, policy: Dqn, parts: Mapping[str, Gathered], show: OnStageProgress) -> None:
+        """Label states with the policy's actions, train a network with them, and normalise it."""
+        counts = np.vstack([each.counts for each in parts.values()])
+        actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
+        labelled = Labelled(counts, actions.astype(np.int64), _numbered(list(parts.values())))
+        self._learnt = learn_policy(
+            labelled,
+            len(ACTIONS),
+            self._gathering.encoding.frames,
+            self._transfer,
+            # 0 to 2: simulator, controller, gathering.
+            np.random.default_rng([self._request.seed, 3]),
+            lambda done, of: show(_TRAINING_STEPS, done, of),
+        )
+        self._normalised = normalise(self._learnt.network, self._normalising_inputs())
+        self._states = {name: len(each.counts) for name, each in parts.items()}
+        self._shares = class_shares(labelled.actions, len(ACTIONS))
+
+    def _spiking(self) -> DqnSnn:
+        """Return the controller of the network as it is, which sees as many steps as a state."""
+        encoding = FrameParameters.from_mapping(self._gathering.encoding.to_dict())
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / 'checkpoint.safetensors'
+            self.save(path, {})
+            return DqnSnn(DqnSnnParameters(checkpoint=str(path), encoding=encoding))
 
     def _policy(self) -> Dqn:
         """Return the Q-network that acts greedily, of the size it was trained in."""
@@ -212,9 +240,18 @@ class PolicyTransfer:
         }
 
 
-def _action(policy: Dqn, counts: Counts) -> int:
-    state = (counts > 0).astype(np.uint8).reshape(1, -1)
-    return int(action_values(policy.network, state)[0].argmax())
+def _show_of_round(show: OnStageProgress, number: int, rounds: int) -> OnStageProgress:
+    """Return what shows the progress of a round, after so many of all."""
+    return lambda what, done, of: show(what, number * of + done, (rounds + 1) * of)
+
+
+def _numbered(parts: Sequence[Gathered]) -> NDArray[np.int64]:
+    """Return numbers of episodes, (n,), no two parts having the same."""
+    numbers, used = [], 0
+    for each in parts:
+        numbers.append(each.episodes + used)
+        used += int(each.episodes.max()) + 1
+    return np.concatenate(numbers)
 
 
 def _states_file(checkpoint: Path) -> Path:

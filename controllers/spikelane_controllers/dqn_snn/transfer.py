@@ -56,6 +56,20 @@ class TransferParameters(Parameters):
     held_out: float = parameter(
         0.1, 'Share of the states that is kept for measuring the accuracy.', low=0.001, high=0.9
     )
+    held_out_by: str = parameter(
+        'state',
+        'What is kept or trained with as a whole: each state by itself (state), or all states of '
+        'an episode (episode), so that none is kept whose neighbours are trained with.',
+        choices=('state', 'episode'),
+    )
+    rounds: int = parameter(
+        0,
+        'Times that the spiking network drives, as many states as were gathered before are '
+        'gathered where it goes, and it learns anew from all states (DAgger: Ross, Gordon and '
+        'Bagnell 2011).',
+        low=0,
+        high=100,
+    )
     maximum: int = parameter(
         0,
         'Events in a cell at which its input is 1; 0: the largest number in any state.',
@@ -94,6 +108,7 @@ class Labelled(NamedTuple):
 
     counts: NDArray[np.uint8]  # events in each cell, (n, n_inputs)
     actions: NDArray[np.int64]  # (n,)
+    episodes: NDArray[np.int64]  # numbers of the episodes that they were met in, (n,)
 
 
 class Measured(NamedTuple):
@@ -136,7 +151,7 @@ def learn_policy(
     Raises:
         TransferError: There are too few states, no events in them, or a single action.
     """
-    train, held_out = _split(states, parameters.held_out, rng)
+    train, held_out = _split(states, parameters, rng)
     _check(train, held_out)
     maximum = parameters.maximum or int(states.counts.max())
     curve = []
@@ -250,15 +265,23 @@ def _uniform(shape: tuple[int, ...], inputs: int, rng: np.random.Generator) -> N
     return rng.uniform(-bound, bound, shape).astype(np.float32)
 
 
-def _split(states: Labelled, share: float, rng: np.random.Generator) -> tuple[Labelled, Labelled]:
+def _split(
+    states: Labelled, parameters: TransferParameters, rng: np.random.Generator
+) -> tuple[Labelled, Labelled]:
     """Return states for training and for measuring."""
-    order = rng.permutation(len(states.actions))
-    held_out = round(share * len(order))
-    return _take(states, np.sort(order[held_out:])), _take(states, np.sort(order[:held_out]))
+    number = len(states.actions)
+    is_whole = parameters.held_out_by == 'episode'
+    wholes = states.episodes if is_whole else np.arange(number)
+    values, sizes = np.unique(wholes, return_counts=True)
+    order = rng.permutation(len(values))
+    before = np.cumsum(sizes[order]) - sizes[order]
+    held_out = np.isin(wholes, values[order[before < round(parameters.held_out * number)]])
+    return _take(states, ~held_out), _take(states, held_out)
 
 
-def _take(states: Labelled, indices: NDArray[np.int64]) -> Labelled:
-    return Labelled(states.counts[indices], states.actions[indices])
+def _take(states: Labelled, chosen: NDArray[np.int64] | NDArray[np.bool_]) -> Labelled:
+    """Return the states of these indices, or where it is true."""
+    return Labelled(states.counts[chosen], states.actions[chosen], states.episodes[chosen])
 
 
 def _check(train: Labelled, held_out: Labelled) -> None:

@@ -1,25 +1,25 @@
-"""Gathering states where the robot will be: a trained policy drives on (paper section 5.2).
+"""Gathering states where the robot will be: a trained controller drives on (paper section 5.2).
 
 Most states of a training are far from the lane's centre, met before the policy was any good; the
-robot will hardly see such again. So the trained policy goes on driving, and now and then does
-something at random, to know what to do when a little off.
+robot will hardly see such again. So the trained controller goes on driving, and now and then
+something is done at random, to know what to do when a little off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
+from spikelane_controllers.controller_host import ControllerHost
+from spikelane_sim.contract import Controller, Observation
+from spikelane_sim.encoding import StateImage, StateImageParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters
-
-#: Chooses an action, an index of ACTIONS, by the counts of events, (rows, columns).
-Policy = Callable[[Counts], int]
 
 #: What is told while it drives: states gathered, and of how many.
 OnProgress = Callable[[int, int], None]
@@ -47,53 +47,69 @@ class GatheringParameters(Parameters):
         check_size('counts', {'states': self.states, 'inputs (encoding)': inputs}, 5e8)
 
 
+class Gathered(NamedTuple):
+    """States, and the episodes that they were met in."""
+
+    counts: NDArray[np.uint8]  # events in each cell, at most 255, (states, rows * columns)
+    episodes: NDArray[np.int64]  # numbers of the episodes, (states,)
+
+
 def gather_states(
     simulator: Simulator,
-    policy: Policy,
+    controller: Controller,
     parameters: GatheringParameters,
     seed: int,
     show: OnProgress = lambda states, of: None,
-) -> NDArray[np.uint8]:
-    """Drive with a policy and keep the state before each action.
+) -> Gathered:
+    """Let a controller drive and keep the state before each action.
 
     Lanes alternate, whenever the lane is lost or the simulator's limit is reached.
 
     Args:
         simulator: Where to drive.
-        policy: What drives.
+        controller: What drives; it also sees what comes of random actions.
         parameters: How many states, and how they are met.
-        seed: Seed of the simulator, and of the random actions.
+        seed: Seed of the simulator, of the controller and of the random actions.
         show: Called after every action.
-
-    Returns:
-        Events in each cell over the last frames, at most 255, (states, rows * columns).
     """
     # Seeds are padded with zeros: so begins the simulator's generator in episode 2, too, whose
     # noise, if there is any, comes of the same numbers. Another one would gather other states.
     rng = np.random.default_rng([seed, 2])
+    host = ControllerHost(controller, seed)
     image = StateImage(parameters.encoding)
     cells = parameters.encoding.rows * parameters.encoding.columns
-    states = np.empty((parameters.states, cells), np.uint8)
-    simulator.reset(None, seed)
+    counts = np.empty((parameters.states, cells), np.uint8)
+    episodes = np.empty(parameters.states, np.int64)
+    observation = simulator.reset(None, seed)
     for number in range(parameters.states):
-        counts = image.counts
-        states[number] = np.minimum(counts, _MOST).ravel()
+        counts[number] = np.minimum(image.counts, _MOST).ravel()
+        assert observation.lane is not None  # a simulator knows it
+        episodes[number] = observation.lane.episode
         is_random = rng.random() < parameters.random_actions
-        action = int(rng.integers(len(ACTIONS))) if is_random else policy(counts)
-        _hold(simulator, action, image, parameters.decision)
+        drawn = int(rng.integers(len(ACTIONS))) if is_random else None
+        observation = _act(simulator, host, observation, drawn, image, parameters.decision)
         show(number + 1, parameters.states)
-    return states
+    return Gathered(counts, episodes)
 
 
-def _hold(
-    simulator: Simulator, action: int, image: StateImage, parameters: DecisionParameters
-) -> None:
-    """Do an action for its time; begin another episode where it ends this one."""
-    wheels = action_wheels(action, parameters)
+def _act(
+    simulator: Simulator,
+    host: ControllerHost,
+    observation: Observation,
+    drawn: int | None,
+    image: StateImage,
+    parameters: DecisionParameters,
+) -> Observation:
+    """Drive for the time of an action, the one drawn if there is one, else as the controller does.
+
+    Returns:
+        What is observed then; the first observation of the next episode where this one has ended.
+    """
     for _ in range(parameters.steps_per_action):
-        observation = simulator.step(wheels)
+        wheels = host.step(observation)
+        observation = simulator.step(wheels if drawn is None else action_wheels(drawn, parameters))
         image.add(observation.events)
         if observation.lane is not None and observation.lane.terminated:
-            simulator.reset()
             image.clear()
-            return
+            return simulator.reset()
+    return observation

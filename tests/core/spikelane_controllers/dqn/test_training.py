@@ -1,4 +1,4 @@
-"""Trainings of the deep Q-network whose checkpoints an earlier version wrote."""
+"""Trainings of the deep Q-network: checkpoints of an earlier version, episodes of states."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ import pytest
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn.controller import Dqn
 from spikelane_controllers.dqn.parameters import DqnParameters
-from spikelane_controllers.dqn.training import DqnTraining, DqnTrainingParameters
+from spikelane_controllers.dqn.training import (
+    DqnTraining,
+    DqnTrainingParameters,
+    visited_episodes,
+)
 from spikelane_sim.errors import CheckpointError
 
 
@@ -32,3 +36,12 @@ def test_what_an_earlier_version_did_not_have_is_the_default(tmp_path: Path) -> 
     training_of(tmp_path, 'torch').resume()
     with pytest.raises(CheckpointError, match=r'dqn.q_learning.backend numba, got .* torch'):
         training_of(tmp_path, 'numba').resume()
+
+
+def test_states_belong_to_the_episodes_that_they_were_met_in(tmp_path: Path) -> None:
+    """Those after the last whole episode to one that has not ended."""
+    outcomes = [[actions, 0.0, 1.0, None, 0] for actions in (2, 3)]
+    write_checkpoint(tmp_path / 'checkpoint.safetensors', 'dqn', {}, {'outcomes': outcomes})
+    assert visited_episodes(tmp_path, 7).tolist() == [0, 0, 1, 1, 1, 2, 2]
+    with pytest.raises(CheckpointError, match='expected at least 5 states, got 4'):
+        visited_episodes(tmp_path, 4)

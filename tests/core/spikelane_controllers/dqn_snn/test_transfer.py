@@ -17,9 +17,15 @@ from spikelane_controllers.dqn_snn.transfer import (
     TransferError,
     TransferParameters,
 )
-from spikelane_controllers.learning.gathering import gather_states, GatheringParameters
+from spikelane_controllers.learning.gathering import (
+    gather_states,
+    Gathered,
+    GatheringParameters,
+)
+from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
+from spikelane_sim.task import action_wheels, ActionParameters
 
 KINEMATIC = {'robot.model': 'kinematic', 'episode.max_laps': 0, 'episode.max_steps': 200}
 
@@ -30,7 +36,7 @@ def states(number: int = 600, seed: int = 0, rare: float = 0.2) -> Labelled:
     third = np.where(rng.random(number) < rare, 2, rng.integers(0, 2, number))
     counts = rng.integers(0, 3, (number, 12)).astype(np.uint8)
     counts[np.arange(12)[None] // 4 == third[:, None]] += 6
-    return Labelled(counts, third.astype(np.int64))
+    return Labelled(counts, third.astype(np.int64), np.arange(number) // 20)
 
 
 QUICK = TransferParameters(hidden=16, steps=300, learning_rate=0.01, measure_every=100)
@@ -48,7 +54,7 @@ def test_it_learns_what_can_be_learnt() -> None:
     more = learn_policy(states(), 4, 10, QUICK, np.random.default_rng(1))
     assert more.network.output_weights.shape == (4, 16)  # also where an action is never labelled
     assert accuracy(learnt.network, states(seed=5), 8) > 0.99
-    wrong = Labelled(states(seed=5).counts, (states(seed=5).actions + 1) % 3)
+    wrong = states(seed=5)._replace(actions=(states(seed=5).actions + 1) % 3)
     assert accuracy(learnt.network, wrong, 8) < 0.01
 
 
@@ -92,9 +98,9 @@ def test_a_rare_action_is_learnt_sooner_from_balanced_batches() -> None:
 def test_a_smaller_maximum_cuts_counts_off() -> None:
     """Counts above it are all 1."""
     network = FeedForward(*(np.eye(3, dtype=np.float32), np.zeros(3, np.float32), np.eye(3, 3)))
-    counts = np.array([[2, 9, 4]], np.uint8)
-    assert accuracy(network, Labelled(counts, np.array([1])), 8) == 1.0
-    assert accuracy(network, Labelled(counts, np.array([0])), 2) == 1.0  # the first of equals
+    state = Labelled(np.array([[2, 9, 4]], np.uint8), np.array([1]), np.array([0]))
+    assert accuracy(network, state, 8) == 1.0
+    assert accuracy(network, state._replace(actions=np.array([0])), 2) == 1.0  # first of equals
     limited = TransferParameters(**{**QUICK.to_dict(), 'maximum': 5})
     assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
 
@@ -116,10 +122,10 @@ def test_class_shares() -> None:
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
-        (Labelled(states().counts[:3], states().actions[:3]), 'some to train with and some to me'),
-        (Labelled(states().counts * 0, states().actions), 'expected events in them, got none'),
+        (states(number=3), 'some to train with and some to me'),
+        (states()._replace(counts=states().counts * 0), 'expected events in them, got none'),
         (
-            Labelled(states().counts, states().actions * 0),
+            states()._replace(actions=states().actions * 0),
             'several actions as labels, got 0 alone',
         ),
     ],
@@ -130,33 +136,61 @@ def test_states_that_teach_nothing_are_refused(given: Labelled, message: str) ->
         learn_policy(given, 3, 10, QUICK, np.random.default_rng(0))
 
 
-def test_states_are_gathered_where_the_policy_drives() -> None:
-    """Its choices are asked for with the counts that are kept; a seed gives the same bytes."""
-    asked: list[np.ndarray] = []
+class Leaning:
+    """Turns to where more events are, chosen in each step."""
 
-    def policy(counts: np.ndarray) -> int:
-        asked.append(counts.copy())
-        return int(counts[:, :16].sum() < counts[:, 16:].sum()) * 2
+    def __init__(self) -> None:
+        self.events: list[int] = []
 
-    def gather(seed: int, share: float) -> np.ndarray:
-        asked.clear()
-        parameters = GatheringParameters(states=60, random_actions=share)
-        with Simulator(SimulatorParameters.from_mapping(KINEMATIC)) as simulator:
-            return gather_states(simulator, policy, parameters, seed)
+    def reset(self, rng: np.random.Generator) -> None:
+        """Nothing is remembered."""
 
-    gathered = gather(3, 0.0)
-    assert gathered.shape == (60, 512)
-    assert gathered.dtype == np.uint8
-    assert len(asked) == 60
-    assert (np.array(asked).reshape(60, 512) == gathered).all()
-    empty = np.flatnonzero(gathered.sum(axis=1) == 0)
-    assert {0, 20, 40} <= set(empty.tolist())  # an episode has 20 actions of 10 steps
-    assert gathered.sum() > 1000
-    assert (gather(3, 0.5) == gather(3, 0.5)).all()
-    assert 15 < len(asked) < 45
-    assert (gather(3, 0.5) != gather(4, 0.5)).any()
-    gather(3, 1.0)
-    assert not asked
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Answer one observation."""
+        self.events.append(len(observation.events))
+        is_right = 2 * np.count_nonzero(observation.events['x'] >= 64) > len(observation.events)
+        return action_wheels(2 if is_right else 0, ActionParameters())
+
+
+def gather(seed: int, share: float) -> tuple[Gathered, list[int]]:
+    """Gather 60 states; return them and how many events were seen in each step."""
+    parameters = GatheringParameters(states=60, random_actions=share)
+    controller = Leaning()
+    with Simulator(SimulatorParameters.from_mapping(KINEMATIC)) as simulator:
+        return gather_states(simulator, controller, parameters, seed), controller.events
+
+
+def test_states_are_gathered_where_the_controller_drives() -> None:
+    """It answers every observation; a state counts those of ten steps, and knows its episode."""
+    (counts, episodes), events = gather(3, 0.0)
+    assert counts.shape == (60, 512)
+    assert counts.dtype == np.uint8
+    assert episodes.tolist() == [1] * 20 + [2] * 20 + [3] * 20  # of 20 actions of 10 steps
+    assert len(events) == 600
+    empty = np.flatnonzero(counts.sum(axis=1) == 0)
+    assert {0, 20, 40} <= set(empty.tolist())
+    assert counts.sum() > 1000
+    # Not more than was seen: what is outside the cropped image is left out.
+    assert 0 < counts[1].sum() <= sum(events[1:11])
+
+
+def test_states_are_those_of_a_seed() -> None:
+    """The same bytes with the same seed; random actions lead to other states."""
+    assert (gather(3, 0.5)[0].counts == gather(3, 0.5)[0].counts).all()
+    assert (gather(3, 0.5)[0].counts != gather(4, 0.5)[0].counts).any()
+    assert (gather(3, 0.5)[0].counts != gather(3, 0.0)[0].counts).any()
+
+
+def test_whole_episodes_are_held_out() -> None:
+    """Of thirty with twenty states each, three; by default states of nearly all episodes."""
+    whole = TransferParameters(**{**QUICK.to_dict(), 'held_out_by': 'episode', 'steps': 1})
+    held_out = learn_policy(states(), 3, 10, whole, np.random.default_rng(1)).held_out
+    numbers, sizes = np.unique(held_out.episodes, return_counts=True)
+    assert (len(numbers), sizes.tolist()) == (3, [20, 20, 20])
+    single = TransferParameters(**{**whole.to_dict(), 'held_out_by': 'state'})
+    held_out = learn_policy(states(), 3, 10, single, np.random.default_rng(1)).held_out
+    assert len(held_out.episodes) == 60
+    assert len(np.unique(held_out.episodes)) > 20
 
 
 def test_rates_come_closer_to_activations_with_time() -> None:

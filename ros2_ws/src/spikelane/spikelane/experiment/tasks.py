@@ -210,15 +210,16 @@ def _transfer(
     del options  # the configuration has them
     gathered = cast(GatheringParameters, config.parameters['gathering'])
     per_state = gathered.decision.steps_per_action
-    gathering = gathered.states * per_state
     # Every transfer has a group `transfer` with `steps`.
-    whole = gathering + int(config.parameters['transfer'].to_dict()['steps'])
+    training = int(config.parameters['transfer'].to_dict()['steps'])
+    whole = gathered.states * per_state + training
+    steps = {}  # of the simulator, and of the network's training
 
     def show_stage(what: str, done: int, of: int) -> None:
-        del of
-        # Steps of the simulator, then of the network's training.
-        steps = done * per_state if what == STATES else gathering + done
-        show(steps, steps / whole)
+        is_driving = what == STATES
+        steps[what] = done * per_state if is_driving else done
+        repeats = of / (gathered.states if is_driving else training)
+        show(sum(steps.values()), sum(steps.values()) / (whole * repeats))
 
     return report_transfer(config, transfer(config, show_stage), folder)
 

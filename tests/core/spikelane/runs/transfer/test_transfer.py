@@ -31,7 +31,9 @@ def dqn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(0)
     network = initial_network(rng, 512, 3, QNetworkParameters(initial_bound=0.3))
     arrays = dict(zip(Q_NETWORK, network, strict=True))
-    write_checkpoint(folder / 'checkpoint.safetensors', 'dqn', arrays, {'config': {'dqn': {}}})
+    outcomes = [[number, 0.0, 1.0, None, 0] for number in (8, 9, 10)]
+    facts = {'config': {'dqn': {}}, 'outcomes': outcomes}
+    write_checkpoint(folder / 'checkpoint.safetensors', 'dqn', arrays, facts)
     store = StateStore(folder / 'states.zst', (16, 32))
     store.begin()
     for _ in range(30):
@@ -113,6 +115,20 @@ def test_a_seed_gives_the_same_networks(dqn: Path, done: dict[str, Any], tmp_pat
     assert networks[0] == networks[1]
     assert len(set(networks)) == 3
     assert fewer['states_from'] == {'gathered': 60}
+
+
+def test_the_spiking_network_drives_and_learns_of_where_it_goes(dqn: Path, tmp_path: Path) -> None:
+    """As many states in each round as before; whole episodes are held out."""
+    command = ('transfer', '--checkpoint', str(dqn), *QUICK)
+    limit = ('--param', 'simulator.episode.max_steps=100')  # ten states in an episode
+    parameters = ('transfer.rounds=2', 'transfer.held_out_by=episode')
+    asked = [word for each in parameters for word in ('--param', each)]
+    learnt = printed(*command, *limit, *asked, '--out', str(tmp_path / 'rounds'))
+    gathered = {'gathered': 60, 'round 1': 60, 'round 2': 60}
+    assert learnt['states_from'] == {'training': 30, **gathered}
+    assert learnt['held_out_states'] in range(21, 31)  # of 210 states in 22 episodes
+    again = printed(*command, *limit, *asked, '--out', str(tmp_path / 'again'))
+    assert again['accuracy'] == learnt['accuracy']
 
 
 def test_the_robot_drives_with_it(done: dict[str, Any], tmp_path: Path) -> None:
