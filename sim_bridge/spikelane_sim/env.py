@@ -172,7 +172,8 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
 
     def lane_centre_reward(self, distance_m: float) -> float:
         """Return the normal density of the lane distance [m] (paper section 3.3)."""
-        return lane_centre_reward(distance_m, self._task.reward_sigma_m)
+        reward: float = lane_centre_reward(distance_m, self._task.reward_sigma_m)
+        return reward
 
     def render(self) -> NDArray[np.uint8]:
         """Return the events of the last step, ON blue and OFF red on black, (H, W, 3)."""
