@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from spikelane_sim import raster
 from spikelane_sim.course import Course
 from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.ground import Ground
 from spikelane_sim.parameters import parameter, Parameters
 
 #: Scanlines per row of pixels with anti-aliasing.
@@ -56,6 +57,13 @@ class CameraParameters(Parameters):
         low=-90.0,
         high=90.0,
         source=_SCENE,
+    )
+    yaw_deg: float = parameter(
+        0.0,
+        'Angle by which the camera is turned to the left of straight ahead.',
+        unit='deg',
+        low=-180.0,
+        high=180.0,
     )
     x_m: float = parameter(
         0.2329,
@@ -99,6 +107,13 @@ class CameraParameters(Parameters):
     )
     background_intensity: float = parameter(
         0.0, 'Linear intensity above the horizon and beyond far_m.', low=0.0, high=1.0
+    )
+    contrast: float = parameter(
+        1.0,
+        'Factor of the Michelson contrast between floor and markings, of which the mean intensity '
+        'is kept: less in a veil of light, or where the paint has faded.',
+        low=0.0,
+        high=1.0,
     )
     antialias: bool = parameter(
         False,
@@ -167,15 +182,20 @@ class Camera:
 
     Attributes:
         parameters: Size of the image, lens and place on the robot.
-        lens: The same as numbers, with the columns of `raster`, (12,).
+        lens: The same as numbers, with the columns of `raster`, (14,).
+        ground: What is seen of the course.
     """
 
     def __init__(self, parameters: CameraParameters, course: Course) -> None:
         """Point the camera at the ground of a course."""
-        self.parameters = parameters
-        self._ground = course.ground
         self._n_rows = ANTIALIAS_ROWS if parameters.antialias else 1
-        self.lens = self._make_lens()
+        self.look(parameters, course)
+
+    def look(self, parameters: CameraParameters, course: Course) -> None:
+        """Go on from another place, or at another course; the image's size stays."""
+        self.parameters = parameters
+        self.ground = seen_ground(course, parameters)
+        self.lens = make_lens(parameters)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -186,10 +206,13 @@ class Camera:
     def optical_frame(self) -> Mounting:
         """Place of event_camera_optical_frame: z forward, x right, y down in the image."""
         p = self.parameters
-        # Turning from forward-left-up to right-down-forward, then by the pitch about left.
-        half = math.radians(p.pitch_deg) / 2
+        # Turning from forward-left-up to right-down-forward, then by the pitch about left, then by
+        # the yaw about up.
+        half, yaw = math.radians(p.pitch_deg) / 2, math.radians(p.yaw_deg) / 2
         sine, cosine = math.sin(half) / 2, math.cos(half) / 2
-        orientation = (-cosine - sine, cosine + sine, sine - cosine, cosine - sine)
+        x, y, z, w = -cosine - sine, cosine + sine, sine - cosine, cosine - sine
+        s, c = math.sin(yaw), math.cos(yaw)
+        orientation = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
         return Mounting((p.x_m, p.y_m, p.z_m), orientation)
 
     def render(
@@ -213,7 +236,7 @@ class Camera:
             out = np.empty((p.height, p.width), np.float32)
         if pose.shape != (7,) or out.shape != (p.height, p.width):
             self._refuse(pose, out)
-        if not raster.render(*self._ground, self.lens, pose, self._n_rows, out):
+        if not raster.render(*self.ground, self.lens, pose, self._n_rows, out):
             self._refuse(pose, out)
         return out
 
@@ -228,7 +251,7 @@ class Camera:
             out = np.empty(shape, np.float32)
         if poses.shape != (len(poses), 7) or out.shape != shape:
             self._refuse(poses, out)
-        if not raster.render_many(*self._ground, self.lens, poses, self._n_rows, out):
+        if not raster.render_many(*self.ground, self.lens, poses, self._n_rows, out):
             self._refuse(poses, out)
         return out
 
@@ -239,13 +262,29 @@ class Camera:
             f'got poses {pose.tolist()!r:.200} and images of shape {out.shape}'
         )
 
-    def _make_lens(self) -> NDArray[np.float64]:
-        p = self.parameters
-        pitch = math.radians(p.pitch_deg)
-        lens = np.empty(raster.N_LENS)
-        lens[raster.FX : raster.CY + 1] = self.intrinsics
-        lens[raster.NEAR], lens[raster.FAR] = p.near_m, p.far_m
-        lens[raster.PLACE : raster.PLACE + 3] = p.x_m, p.y_m, p.z_m
-        lens[raster.PITCH_SIN], lens[raster.PITCH_COS] = math.sin(pitch), math.cos(pitch)
-        lens[raster.BACKGROUND] = p.background_intensity
-        return lens
+
+def make_lens(parameters: CameraParameters) -> NDArray[np.float64]:
+    """Return a camera as numbers, with the columns of `raster`, (14,)."""
+    pitch, yaw = math.radians(parameters.pitch_deg), math.radians(parameters.yaw_deg)
+    lens = np.empty(raster.N_LENS)
+    lens[raster.FX : raster.CY + 1] = intrinsics(parameters)
+    lens[raster.NEAR], lens[raster.FAR] = parameters.near_m, parameters.far_m
+    lens[raster.PLACE : raster.PLACE + 3] = parameters.x_m, parameters.y_m, parameters.z_m
+    lens[raster.PITCH_SIN], lens[raster.PITCH_COS] = math.sin(pitch), math.cos(pitch)
+    lens[raster.YAW_SIN], lens[raster.YAW_COS] = math.sin(yaw), math.cos(yaw)
+    lens[raster.BACKGROUND] = parameters.background_intensity
+    return lens
+
+
+def seen_ground(course: Course, parameters: CameraParameters) -> Ground:
+    """Return what a camera sees of a course: its ground, at the contrast of the camera.
+
+    With the Michelson contrast c = (marking - floor) / (marking + floor), mean m and a factor k,
+    marking and floor become m (1 + k c) and m (1 - k c).
+    """
+    ground = course.ground
+    if parameters.contrast == 1.0:
+        return ground
+    mean = (ground.marking_intensity + ground.floor_intensity) / 2
+    half = parameters.contrast * (ground.marking_intensity - ground.floor_intensity) / 2
+    return ground._replace(floor_intensity=mean - half, marking_intensity=mean + half)

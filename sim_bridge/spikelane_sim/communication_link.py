@@ -2,7 +2,9 @@
 
 Without delay the answer to an observation drives the wheels in the very next step. With a delay of
 n steps the answers to the last n observations are on their way; until the first arrives the wheels
-stand still. Events are lost one by one, each with the same probability, whatever the others do.
+stand still. Where the delay grows while driving, the last command that has arrived holds until the
+next one does; where it shrinks, commands that a later one overtakes are dropped. Events are lost
+one by one, each with the same probability, whatever the others do.
 """
 
 from __future__ import annotations
@@ -51,13 +53,15 @@ class CommunicationLink:
 
     def __init__(self, parameters: LinkParameters) -> None:
         self.parameters = parameters
-        self._commands: deque[WheelVelocities] = deque()
+        self._on_the_way: deque[WheelVelocities] = deque()
+        self._arrived = STANDSTILL
         self._rng: np.random.Generator | None = None
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: nothing is on its way; losses are drawn from rng."""
         self._rng = rng
-        self._commands = deque([STANDSTILL] * self.parameters.latency_steps)
+        self._on_the_way.clear()
+        self._arrived = STANDSTILL
 
     def carry_events(self, events: Events) -> Events:
         """Return those events, (N,), that reach the controller."""
@@ -69,5 +73,7 @@ class CommunicationLink:
 
     def carry_command(self, wheels: WheelVelocities) -> WheelVelocities:
         """Send a command; return the one that arrives."""
-        self._commands.append(wheels)
-        return self._commands.popleft()
+        self._on_the_way.append(wheels)
+        while len(self._on_the_way) > self.parameters.latency_steps:
+            self._arrived = self._on_the_way.popleft()
+        return self._arrived

@@ -160,3 +160,8 @@ def simulator_rng(seed: int, episode: int) -> np.random.Generator:
 def link_rng(seed: int, episode: int) -> np.random.Generator:
     """Return the generator that the losses between robot and controller are drawn from."""
     return np.random.default_rng([seed, episode, 2])
+
+
+def conditions_rng(seed: int, episode: int) -> np.random.Generator:
+    """Return the generator that what varies from episode to episode is drawn from."""
+    return np.random.default_rng([seed, episode, 3])

@@ -35,9 +35,10 @@ N_CORNERS = 5
 N_COLUMNS = CORNERS + 2 * N_CORNERS
 
 # The lens: focal lengths and principal point [px]; clipping depths [m]; place in the body frame
-# [m]; sine and cosine of the pitch; intensity of the background.
+# [m]; sine and cosine of the pitch; intensity of the background; sine and cosine of the yaw.
 FX, FY, CX, CY, NEAR, FAR, PLACE, PITCH_SIN, PITCH_COS, BACKGROUND = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
-N_LENS = 12
+YAW_SIN, YAW_COS = 12, 13
+N_LENS = 14
 
 # A view: rows are the camera's axes (right, down, forward) and its place in the world.
 RIGHT, DOWN, FORWARD, EYE = range(4)
@@ -80,7 +81,7 @@ def render(
         pieces: Markings, see above, (n_pieces, 26).
         floor: Intensity of the floor.
         marking: Intensity of the markings.
-        lens: The camera, see above, (12,).
+        lens: The camera, see above, (14,).
         pose: Pose of the body: x, y, z [m], quaternion x, y, z, w, (7,).
         n_rows: Scanlines per row of pixels; 1 for no anti-aliasing.
         image: Is overwritten, (H, W).
@@ -121,9 +122,10 @@ def view_from(lens: Array, pose: Array) -> Array:
     up = (two * (x * z + y * w), two * (y * z - x * w), 1.0 - two * (x * x + y * y))
     view = np.empty((4, 3))
     for i in range(3):
-        view[RIGHT, i] = -left[i]
-        view[DOWN, i] = -lens[PITCH_SIN] * ahead[i] - lens[PITCH_COS] * up[i]
-        view[FORWARD, i] = lens[PITCH_COS] * ahead[i] - lens[PITCH_SIN] * up[i]
+        turned = lens[YAW_COS] * ahead[i] + lens[YAW_SIN] * left[i]
+        view[RIGHT, i] = lens[YAW_SIN] * ahead[i] - lens[YAW_COS] * left[i]
+        view[DOWN, i] = -lens[PITCH_SIN] * turned - lens[PITCH_COS] * up[i]
+        view[FORWARD, i] = lens[PITCH_COS] * turned - lens[PITCH_SIN] * up[i]
         view[EYE, i] = (
             pose[i] + lens[PLACE] * ahead[i] + lens[PLACE + 1] * left[i] + lens[PLACE + 2] * up[i]
         )

@@ -19,7 +19,7 @@ def simulated_calibration(parameters: SimulatorParameters) -> Calibration:
         'plumb_bob',
         (0.0,) * 5,
         (camera.x_m - robot.axle_x_m, camera.y_m, camera.z_m + robot.height_m),
-        (0.0, camera.pitch_deg, 0.0),
+        (0.0, camera.pitch_deg, camera.yaw_deg),
         camera.near_m,
         camera.far_m,
     )

@@ -10,20 +10,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.camera import Camera, CameraModel
-from spikelane_sim.communication_link import CommunicationLink
+from spikelane_sim.camera import CameraModel
+from spikelane_sim.conditions.courses import load_courses
+from spikelane_sim.conditions.devices import Devices
+from spikelane_sim.conditions.schedule import Phases, Schedule
 from spikelane_sim.contract import (
     LaneState,
-    link_rng,
     Observation,
     Robot,
     RobotState,
-    simulator_rng,
     STEP_NS,
     WheelEncoders,
     WheelVelocities,
 )
-from spikelane_sim.course import LanePoint, load_course
+from spikelane_sim.course import LanePoint
 from spikelane_sim.episode_rules import (
     admit,
     check_beginning,
@@ -36,8 +36,6 @@ from spikelane_sim.episode_rules import (
     start_at,
 )
 from spikelane_sim.errors import PoseError, SpikelaneError
-from spikelane_sim.pixels import make_pixel_model
-from spikelane_sim.robots import make_robot
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: How far beyond the rectangle around the road a robot can be placed.
@@ -81,16 +79,14 @@ class Simulator:
             SpikelaneError: The course or a combination of parameters cannot be simulated.
         """
         self.parameters = parameters or SimulatorParameters()
-        self.course = load_course(self.parameters.course)
-        self._area = self.course.area(AREA_MARGIN_M)
+        self._schedule = Schedule(self.parameters)
+        self._courses = load_courses(self._schedule)
+        self._phases = Phases(self.parameters, None, 0)
+        self.course = self._courses[self.parameters.course]
         self._has_encoders = 'encoders' in sensors
         self.command_counts = CommandCounts()
-        size = self.parameters.camera
-        self._pixels = make_pixel_model(self.parameters.pixels, size.width, size.height)
-        self._camera: CameraModel = camera or Camera(size, self.course)
-        images = self._pixels.images_per_step
-        self._robot = robot or make_robot(self.parameters.robot, images)
-        self._link = CommunicationLink(self.parameters.link)
+        seen = self._courses[self.parameters.markings or self.parameters.course]
+        self._devices = Devices(self._schedule, seen, robot, camera)
         self._time_ns = 0
         self._seed = 0
         self._episode = 0
@@ -113,17 +109,17 @@ class Simulator:
 
     def close(self) -> None:
         """Release the physics engine."""
-        self._robot.close()
+        self._devices.robot.close()
 
     @property
     def camera(self) -> CameraModel:
         """The camera, for its intrinsics and its place on the robot."""
-        return self._camera
+        return self._devices.camera
 
     @property
     def robot_state(self) -> RobotState:
         """Pose and motion of the robot now."""
-        return self._robot.state
+        return self._devices.robot.state
 
     @property
     def lane_state(self) -> LaneState | None:
@@ -150,7 +146,7 @@ class Simulator:
             SpikelaneError: No such lane.
         """
         start = self.course.lane(self._next_lane(True) if lane is None else lane).start
-        self._robot.reset(start.x_m, start.y_m, start.heading_rad)
+        self._devices.robot.reset(start.x_m, start.y_m, start.heading_rad)
         self._time_ns = 0
         self._lane_state = None
 
@@ -165,7 +161,7 @@ class Simulator:
         if self._lane_state is None:
             raise SpikelaneError('no episode has begun: reset the simulator first')
         self._time_ns = 0
-        self._pixels.reset(simulator_rng(self._seed, self._episode))
+        self._devices.forget_image(self._seed, self._episode)
         return self._observe(self._pose_now()[None])
 
     def reset(
@@ -191,16 +187,20 @@ class Simulator:
             SpikelaneError: No such lane, a negative seed, or no such number of an episode.
         """
         check_beginning(seed, self._episode + 1 if seed is None else episode)
+        number = self._episode + 1 if seed is None else episode
+        phases = self._schedule.phases(self._seed if seed is None else seed, number)
+        course = self._courses[phases.first.course]
         lane = self._next_lane(seed is not None) if lane is None else lane
-        start = self.course.lane(lane).start
+        start = course.lane(lane).start
         if seed is not None:
-            self._seed, self._episode = seed, episode - 1
+            self._seed = seed
         if from_time_zero:
             self._time_ns = 0
-        self._episode += 1
-        self._robot.reset(start.x_m, start.y_m, start.heading_rad)
-        self._pixels.reset(simulator_rng(self._seed, self._episode))
-        self._link.reset(link_rng(self._seed, self._episode))
+        self._episode, self._phases, self.course = number, phases, course
+        if self._schedule.changing:
+            self._change(phases.first)
+        self._devices.robot.reset(start.x_m, start.y_m, start.heading_rad)
+        self._devices.reset(self._seed, self._episode)
         self._begin(lane)
         return self._observe(self._pose_now()[None])
 
@@ -214,7 +214,10 @@ class Simulator:
             SpikelaneError: The episode is over, or none has begun.
         """
         last = self._running_lane_state()
-        poses = self._robot.step(self._link.carry_command(self._admit(wheels)))
+        then = self._phases.then
+        if then is not None and self._progress.step + 1 == self._phases.step:
+            self._change(then)
+        poses = self._devices.drive(self._admit(wheels))
         x_m, y_m, heading_rad = _planar(poses[-1])
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
         self._progress = follow(
@@ -240,14 +243,14 @@ class Simulator:
             SpikelaneError: The episode is over, or none has begun.
         """
         last = self._running_lane_state()
-        if not (math.isfinite(heading_rad) and self._area.contains(x_m, y_m)):
-            area = self._area
+        area = self.course.area(AREA_MARGIN_M)
+        if not (math.isfinite(heading_rad) and area.contains(x_m, y_m)):
             raise PoseError(
                 f'pose: expected x from {area.x_min_m:.2f} to {area.x_max_m:.2f} m, y from '
                 f'{area.y_min_m:.2f} to {area.y_max_m:.2f} m and a finite heading, '
                 f'got x {x_m:g} m, y {y_m:g} m, heading {heading_rad:g} rad'
             )
-        self._robot.reset(x_m, y_m, heading_rad)
+        self._devices.robot.reset(x_m, y_m, heading_rad)
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
         self._progress = self._progress._replace(position_m=point.position_m)
         self._lane_state = last._replace(position_m=point.position_m)
@@ -255,14 +258,15 @@ class Simulator:
     def _observe(self, poses: NDArray[np.float64]) -> Observation:
         start_ns = self._time_ns
         self._time_ns += STEP_NS
-        images = self._camera.render_many(poses)
-        events = self._pixels.step(images, start_ns, self._time_ns)
+        events = self._devices.see(poses, start_ns, self._time_ns)
         encoders = None
         if self._has_encoders:
-            state = self._robot.state
+            state = self._devices.robot.state
             encoders = WheelEncoders(state.wheel_angles, state.wheel_velocities)
-        carried = self._link.carry_events(events)
-        return Observation(self._time_ns, carried, self._lane_state, encoders)
+        return Observation(self._time_ns, events, self._lane_state, encoders)
+
+    def _change(self, parameters: SimulatorParameters) -> None:
+        self._devices.change(parameters, self._courses[parameters.markings or parameters.course])
 
     def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
         left, right, became = admit(*wheels, self.parameters.robot.max_wheel_velocity_rad_s)
@@ -301,7 +305,7 @@ class Simulator:
         )
 
     def _pose_now(self) -> NDArray[np.float64]:
-        state = self._robot.state
+        state = self._devices.robot.state
         return np.array(state.position + state.orientation)
 
     def _next_lane(self, is_first: bool) -> str:

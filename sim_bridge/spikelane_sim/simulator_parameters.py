@@ -8,6 +8,8 @@ from typing import Any
 
 from spikelane_sim.camera import ANTIALIAS_ROWS, CameraParameters
 from spikelane_sim.communication_link import LinkParameters
+from spikelane_sim.conditions.perturbation import PerturbationParameters
+from spikelane_sim.conditions.randomisation import RandomisationParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.robots import P3DX, RobotParameters
@@ -62,11 +64,18 @@ class SimulatorParameters(Parameters):
     course: str = parameter(
         'scenario_1', 'Name of a shipped course, path of a course file, or random:SEED.'
     )
+    markings: str = parameter(
+        '',
+        "Course whose markings are seen in place of the course's own, as `course`; its lanes must "
+        'be the same.',
+    )
     episode: EpisodeParameters = nested(EpisodeParameters)
     robot: RobotParameters = nested(RobotParameters)
     camera: CameraParameters = nested(CameraParameters)
     pixels: PixelParameters = nested(PixelParameters)
     link: LinkParameters = nested(LinkParameters)
+    randomisation: RandomisationParameters = nested(RandomisationParameters)
+    perturbation: PerturbationParameters = nested(PerturbationParameters)
 
     @classmethod
     def chosen_defaults(cls, values: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -87,14 +96,33 @@ class SimulatorParameters(Parameters):
             {**size, 'rows (camera.antialias)': rows, 'images (pixels.esim.substeps)': images},
             MOST_SAMPLES,
         )
+        self._check_changes()
+
+    def _check_changes(self) -> None:
+        """Refuse values that a perturbation cannot give."""
+        if changes := self.perturbation.values():
+            values = {**self.to_dict(), **changes, 'perturbation.changes': []}
+            SimulatorParameters.from_mapping(values, 'perturbation.changes')
 
 
 _ESIM = 'pixels.esim.'
-#: What runs had before there were hot pixels.
-_NO_HOT_PIXELS = {
-    spec.name: spec.default
+_LATER = (
+    f'{_ESIM}hot_',
+    'pixels.dead_',
+    'camera.yaw_deg',
+    'camera.contrast',
+    'robot.left_wheel_factor',
+    'robot.right_wheel_factor',
+    'robot.track_factor',
+    'markings',
+    'randomisation.',
+    'perturbation.',
+)
+#: What runs had before there were these parameters.
+_FORMER = {
+    spec.name: list(spec.default) if spec.kind is tuple else spec.default
     for spec in SimulatorParameters.specs()
-    if spec.name.startswith(f'{_ESIM}hot_')
+    if spec.name.startswith(_LATER)
 }
 
 
@@ -104,6 +132,6 @@ def current_config(config: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(values, Mapping):
         return dict(config)
     found = SimulatorParameters.current(values)
-    if any(name.startswith(_ESIM) for name in found):
-        found = {**_NO_HOT_PIXELS, **found}
+    if any(name.startswith(_ESIM) for name in found):  # all are there
+        found = {**_FORMER, **found}
     return {**config, 'simulator': found}

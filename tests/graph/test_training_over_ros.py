@@ -97,6 +97,22 @@ def test_over_ros_it_is_the_same_training(inprocess: Path, tmp_path: Path) -> No
     assert not any('Traceback' in text or 'ERROR' in text for text in logs.values()), logs
 
 
+def test_over_ros_episodes_have_the_same_changing_conditions(tmp_path: Path) -> None:
+    """They are drawn anew in each, also the course, and change again while driving."""
+    changing = [
+        'randomisation.enabled=true',
+        'randomisation.courses=[scenario_1, random:1-3]',
+        'perturbation.changes=[camera.yaw_deg=5, pixels.dead_share=0.3, link.latency_ms=50]',
+        'perturbation.episode=2',
+        'perturbation.time_s=1.0',
+    ]
+    options = [word for each in changing for word in ('--param', f'simulator.{each}')]
+    folders = {transport: tmp_path / transport for transport in ('inprocess', 'ros')}
+    results = {name: train(folder, name, *options) for name, folder in folders.items()}
+    assert checkpoint_bytes(folders['ros']) == checkpoint_bytes(folders['inprocess'])
+    assert results['ros']['episodes'] == results['inprocess']['episodes'] > 2
+
+
 @pytest.mark.parametrize(
     ('number', 'status', 'transport'),
     [(signal.SIGKILL, -9, 'inprocess'), (signal.SIGINT, 130, 'ros')],

@@ -30,13 +30,16 @@ from spikelane_sim.episode_rules import (
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import EVENT_DTYPE, Events
 from spikelane_sim.filters.compiled import filter_events
+from spikelane_sim.fleet.conditions import Conditions, with_rates
 from spikelane_sim.fleet.generators import generator_at
 from spikelane_sim.pixels.coppelia import fire
 from spikelane_sim.pixels.crossings import cross_image, Crossings, deliver, emit, PixelArrays
+from spikelane_sim.pixels.dead import keep_living
 from spikelane_sim.pixels.esim import make_crossings
 from spikelane_sim.raster import render
 from spikelane_sim.robots.kinematic import drive_arc
 from spikelane_sim.robots.rigid import drive_step
+from spikelane_sim.robots.wheel_errors import nominal_velocities, WheelErrors
 
 _STEP_US = STEP_NS // 1000
 
@@ -59,7 +62,8 @@ ROBOT_DTYPE = np.dtype(
         ('clipped', '<i8'),  # commands
         ('n_waiting', '<i8'),  # rows of `Robots.waiting` that count
         ('n_events', '<i8'),  # in the last step, before the filters
-        ('oldest', '<i8'),  # row of `Robots.commands` that is carried next
+        ('sent', '<i8'),  # commands of the episode
+        ('arrived', '<i8'),  # of these
     ]
 )
 
@@ -84,7 +88,8 @@ class Robots(NamedTuple):
             size without.
         waiting: Events of `esim` of times still to come, (n_robots, room).
         memory: What the filters remember, (n_robots, n_numbers).
-        commands: On their way to the robots [rad/s], (n_robots, latency_steps, 2).
+        commands: The last ones sent [rad/s], number n in row n % rows, (n_robots, rows, 2).
+        conditions: What changes from robot to robot and episode to episode.
         noise: Addresses of the generators that noise comes from, (n_robots,).
         losses: The same of the generators that losses are drawn from.
     """
@@ -99,6 +104,7 @@ class Robots(NamedTuple):
     waiting: Events
     memory: NDArray[np.int64]
     commands: NDArray[np.float64]
+    conditions: Conditions
     noise: NDArray[np.uintp]
     losses: NDArray[np.uintp]
 
@@ -139,13 +145,13 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
     pose[0], pose[1] = x_m, y_m
     pose[2] = world.body.height_m if world.engine == 1 else world.drive.height_m
     pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
-    robots.commands[i] = 0.0
     known = robots.known[i]
-    known.oldest = known.n_waiting = known.n_events = 0
+    known.sent = known.arrived = known.n_waiting = known.n_events = 0
     robots.memory[i] = world.filters.memory
     position_m = _locate(world, robots, i)
     _know(known, start_at(position_m))
-    _render(world, scratch, known.course, pose)
+    condition = robots.conditions.numbers[i, 0]
+    _render(world, robots, scratch, i, 0, pose)
     if world.has_esim:
         return
     if world.has_planes:
@@ -155,7 +161,7 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
     for pixel in range(seen.size):
         now = np.float64(seen[pixel])
         reference[pixel] = now
-        change[pixel] = world.threshold * (now if now != 0.0 else world.dark_intensity)
+        change[pixel] = condition.threshold * (now if now != 0.0 else world.dark_intensity)
 
 
 @numba.njit(cache=True)
@@ -180,7 +186,13 @@ def simulate(  # type: ignore[no-untyped-def]
     left, right, became = admit(left, right, world.max_wheel_velocity_rad_s)
     known.not_finite += became == NOT_FINITE
     known.clipped += became == CLIPPED
-    left, right = _carry(known, robots.commands[i], left, right)
+    step = robots.conditions.step[i]
+    phase = 1 if step > 0 and known.step + 1 >= step else 0
+    condition = robots.conditions.numbers[i, phase]
+    left, right = _carry(known, robots.commands[i], condition.latency_steps, left, right)
+    if world.has_wheel_errors:
+        errors = WheelErrors(condition.left, condition.right, condition.track)
+        left, right = nominal_velocities(left, right, errors)
     _move(world, robots.motion[i], robots.poses[i], left, right)
     position_m = _locate(world, robots, i)
     last = Progress(
@@ -195,16 +207,19 @@ def simulate(  # type: ignore[no-untyped-def]
     length_m = world.lengths_m[known.lane]
     _know(known, follow(length_m, world.limits, last, position_m, known.distance_m))
     if world.has_esim:
-        events = _see_changes(world, robots, scratch, template, i)
+        events = _see_changes(world, robots, scratch, template, i, phase)
     else:
-        number = _see(world, robots, scratch, i)
-        if world.noise_rate_hz > 0.0:
+        number = _see(world, robots, scratch, i, phase)
+        if condition.noise_rate_hz > 0.0:
             rng = generator_at(template, robots.noise[i])
-            number = _add_noise(world, rng, scratch, number, known.step)
+            rate_hz = condition.noise_rate_hz
+            number = _add_noise(world, rate_hz, rng, scratch, number, known.step)
         events = scratch.events[:number]
-    if world.event_loss > 0.0:
+    if world.has_dead:
+        events = events[: keep_living(robots.conditions.dead[i, phase], world.width, events)]
+    if condition.event_loss > 0.0:
         rng = generator_at(template, robots.losses[i])
-        events = events[: _lose(rng, events, len(events), world.event_loss)]
+        events = events[: _lose(rng, events, len(events), condition.event_loss)]
     known.n_events = len(events)
     if len(world.filters.does) > 0:
         events = events[: filter_events(world.filters, robots.memory[i], events)]
@@ -221,15 +236,19 @@ def _know(known, progress):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _carry(known, commands, left, right):  # type: ignore[no-untyped-def]
+def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-untyped-def]
     """Send a command; return the one that arrives (`communication_link`)."""
-    if commands.shape[0] == 0:
+    rows = commands.shape[0]
+    if rows == 1:
         return left, right
-    row = commands[known.oldest]
-    arrived = row[0], row[1]
+    row = commands[known.sent % rows]
     row[0], row[1] = left, right
-    known.oldest = (known.oldest + 1) % commands.shape[0]
-    return arrived
+    known.sent += 1
+    known.arrived = max(known.arrived, known.sent - latency_steps)
+    if known.arrived == 0:
+        return 0.0, 0.0
+    last = commands[(known.arrived - 1) % rows]
+    return last[0], last[1]
 
 
 @numba.njit(cache=True)
@@ -265,34 +284,36 @@ def _locate(world, robots, i):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _render(world, scratch, course, pose):  # type: ignore[no-untyped-def]
-    """Draw what is seen of a course from a pose."""
+def _render(world, robots, scratch, i, phase, pose):  # type: ignore[no-untyped-def]
+    """Draw what robot i sees from a pose."""
+    condition, lens = robots.conditions.numbers[i, phase], robots.conditions.lens[i, phase]
+    course = condition.markings
     pieces = world.pieces[world.first_piece[course] : world.first_piece[course + 1]]
     if world.has_planes:
-        background, floor = world.intensities[course, 0], world.intensities[course, 1]
-        render_planes(pieces, floor != background, world.lens, pose, world.width, scratch.planes)
+        seen = robots.conditions.seen[i, phase]
+        render_planes(pieces, seen[1] != seen[0], lens, pose, world.width, scratch.planes)
     else:
-        floor, marking = world.ground[course, 0], world.ground[course, 1]
-        render(pieces, floor, marking, world.lens, pose, world.n_rows, scratch.image)
+        floor, marking = condition.floor, condition.marking
+        render(pieces, floor, marking, lens, pose, world.n_rows, scratch.image)
 
 
 @numba.njit(cache=True)
-def _see(world, robots, scratch, i):  # type: ignore[no-untyped-def]
+def _see(world, robots, scratch, i, phase):  # type: ignore[no-untyped-def]
     """Write the events of what robot i sees; return how many.
 
     Their time is that of the step's end since the episode began, as the filters want it.
     """
     known = robots.known[i]
-    _render(world, scratch, known.course, robots.poses[i, -1])
+    _render(world, robots, scratch, i, phase, robots.poses[i, -1])
     end_ns = (known.step + 1) * STEP_NS
     if world.has_planes:
-        intensities = world.intensities[known.course]
+        intensities = robots.conditions.seen[i, phase]
         return fire_planes(robots.planes[i], scratch.planes, intensities, end_ns, scratch.events)
     return fire(
         scratch.image.ravel(),
         robots.reference[i],
         robots.change[i],
-        world.threshold,
+        robots.conditions.numbers[i, phase].threshold,
         world.dark_intensity,
         end_ns,
         world.width,
@@ -301,7 +322,7 @@ def _see(world, robots, scratch, i):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _see_changes(world, robots, scratch, template, i):  # type: ignore[no-untyped-def]
+def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no-untyped-def]
     """Return the events of the images that robot i sees in a step with `esim`."""
     known, poses, rows = robots.known[i], robots.poses[i], robots.esim
     pixels = PixelArrays(
@@ -314,7 +335,7 @@ def _see_changes(world, robots, scratch, template, i):  # type: ignore[no-untype
     )
     crossings, count, seen_us = scratch.crossings, 0, 0.0
     for k in range(poses.shape[0]):
-        _render(world, scratch, known.course, poses[k])
+        _render(world, robots, scratch, i, phase, poses[k])
         time_us = (k + 1) * _STEP_US / poses.shape[0]
         crossings, count = cross_image(
             scratch.image.ravel(),
@@ -329,7 +350,8 @@ def _see_changes(world, robots, scratch, template, i):  # type: ignore[no-untype
     rng = generator_at(template, robots.noise[i])
     # Time since the episode began; its first observation took one step.
     start_us = known.step * _STEP_US
-    events = emit(world.esim, pixels, crossings, count, rng, 0, _STEP_US, start_us)
+    constants = with_rates(world.esim, robots.conditions.numbers[i, phase])
+    events = emit(constants, pixels, crossings, count, rng, 0, _STEP_US, start_us)
     if world.esim.latency_us == 0:
         return events
     waiting = robots.waiting[i]
@@ -345,13 +367,13 @@ def _see_changes(world, robots, scratch, template, i):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True)
-def _add_noise(world, rng, scratch, number, step):  # type: ignore[no-untyped-def]
+def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-untyped-def]
     """Add noise where no pixel has fired, as `CoppeliaPixels` does; return how many events.
 
     The draws are those of `noise.draw_shot`, one by one.
     """
     size = world.width * world.height
-    drawn = rng.poisson(world.noise_rate_hz * size * _STEP_US * 1e-6)
+    drawn = rng.poisson(rate_hz * size * _STEP_US * 1e-6)
     if drawn == 0:
         return number
     rng.integers(0, _STEP_US, drawn)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -10,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import words_of
+from spikelane_sim.conditions.courses import load_courses
+from spikelane_sim.conditions.schedule import Phases, Schedule
 from spikelane_sim.contract import LaneState, link_rng, simulator_rng, STEP_NS, STEP_S
-from spikelane_sim.course import Course, load_course
+from spikelane_sim.course import Course
 from spikelane_sim.episode_rules import check_beginning, REASONS
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import EVENT_DTYPE
 from spikelane_sim.filters import FilterParameters
+from spikelane_sim.fleet.conditions import make_conditions, write_condition
 from spikelane_sim.fleet.generators import Generators
 from spikelane_sim.fleet.kernel import (
     begin,
@@ -26,9 +30,11 @@ from spikelane_sim.fleet.kernel import (
     TURN,
 )
 from spikelane_sim.fleet.world import ENGINES, make_world, World
+from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.pixels.crossings import PixelArrays
 from spikelane_sim.pixels.esim import EsimPixels
 from spikelane_sim.robots import KINEMATIC
+from spikelane_sim.robots.wheel_errors import real_velocities
 from spikelane_sim.simulator import CommandCounts
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -94,13 +100,15 @@ class SimulatorFleet:
         names = [self.parameters.course] * n_robots if courses is None else list(courses)
         if len(names) != n_robots:
             raise SpikelaneError(f'courses: expected one for each robot, got {len(names)}')
-        distinct = list(dict.fromkeys(names))
-        self._courses = [load_course(name) for name in distinct]
-        self._lane_names = [name for course in self._courses for name in course.lanes]
-        self.world = make_world(self.parameters, self._courses, filters or FilterParameters())
+        self._schedules = _schedules(self.parameters, names)
+        self._courses = _load_all(self._schedules)
+        found = tuple(self._courses.values())
+        self._numbers = {name: number for number, name in enumerate(self._courses)}
+        self._lane_names = [name for course in found for name in course.lanes]
+        self.world = make_world(self._schedules[0], found, filters or FilterParameters())
         self.noise, self.losses = Generators(n_robots), Generators(n_robots)
         self.robots = _make_robots(self.world, n_robots, self.noise, self.losses)
-        self.robots.known['course'] = [distinct.index(name) for name in names]
+        self.robots.known['course'] = [self._numbers[name] for name in names]
         self._scratch = make_scratch(self.world)
         camera = self.parameters.camera
         # Looks at the first image of each episode, for whichever robot.
@@ -110,6 +118,8 @@ class SimulatorFleet:
             else None
         )
         self._episodes: list[_Episode | None] = [None] * n_robots
+        for robot in range(n_robots):
+            self._write_phases(robot, Phases(self._schedules[robot].parameters, None, 0))
 
     def __len__(self) -> int:
         """Return how many robots there are."""
@@ -117,7 +127,7 @@ class SimulatorFleet:
 
     def course(self, robot: int) -> Course:
         """Return the course that a robot drives on."""
-        return self._courses[int(self.robots.known['course'][robot])]
+        return self._course_at(int(self.robots.known['course'][robot]))
 
     def reset(
         self, robot: int, lane: str | None = None, seed: int | None = None, *, episode: int = 1
@@ -136,26 +146,43 @@ class SimulatorFleet:
         else:
             raise SpikelaneError('seed: expected one in the first reset, got none')
         check_beginning(seed, now.number)
-        known = self.robots.known
-        names = tuple(self.course(robot).lanes)
-        first = self.world.first_lane[known['course'][robot]]
+        schedule, known = self._schedules[robot], self.robots.known
+        phases = schedule.phases(*now)
+        number = self._numbers[phases.first.course]
+        course = self._course_at(number)
+        names = tuple(course.lanes)
         if lane is not None:
-            self.course(robot).lane(lane)
+            course.lane(lane)
             index = names.index(lane)
         else:
-            last = int(known['lane'][robot] - first)
+            last = int(known['lane'][robot] - self.world.first_lane[known['course'][robot]])
             index = 0 if seed is not None or before is None else (last + 1) % len(names)
         self._episodes[robot] = now
-        known['lane'][robot] = first + index
-        if self.world.noise_rate_hz or self.world.has_esim:
+        lane_number = int(self.world.first_lane[number]) + index
+        known['course'][robot], known['lane'][robot] = number, lane_number
+        if schedule.changing:
+            self._write_phases(robot, phases)
+        if self.world.most_noise_hz or self.world.has_esim:
             self.noise[robot] = simulator_rng(*now)
-        if self.world.event_loss:
+        if self.world.has_losses:
             self.losses[robot] = link_rng(*now)
-        start = self.world.starts[first + index]
+        start = self.world.starts[lane_number]
         begin(self.world, self.robots, self._scratch, robot, *start)
         if self._pixels is not None:
-            self._see_first(self._pixels, robot)
+            self._see_first(self._pixels, robot, phases.first.pixels)
         return self.lane_state(robot)
+
+    def _course_at(self, number: int) -> Course:
+        return tuple(self._courses.values())[number]
+
+    def _write_phases(self, robot: int, phases: Phases) -> None:
+        conditions = self.robots.conditions
+        conditions.step[robot] = phases.step
+        for phase, parameters in enumerate((phases.first, phases.then)):
+            if parameters is not None:
+                seen = parameters.markings or parameters.course
+                markings = self._numbers[seen], self._courses[seen]
+                write_condition(conditions, robot, phase, parameters, markings)
 
     def has_begun(self, robot: int) -> bool:
         """Return whether a robot has begun an episode."""
@@ -189,10 +216,23 @@ class SimulatorFleet:
         """Return what the encoders of the wheels measure [rad/s], (n_robots, 2)."""
         forward, turn = self.robots.motion[:, FORWARD], self.robots.motion[:, TURN]
         if ENGINES[self.world.engine] == KINEMATIC:
-            return np.stack([forward, turn], axis=1)
-        body = self.world.body
-        half = turn * body.track_m / 2
-        return np.stack([(forward - half) / body.radius_m, (forward + half) / body.radius_m], 1)
+            left, right = forward, turn
+        else:
+            body = self.world.body
+            half = turn * body.track_m / 2
+            left, right = (forward - half) / body.radius_m, (forward + half) / body.radius_m
+        if not self.world.has_wheel_errors:
+            return np.stack([left, right], axis=1)
+        rows = self._conditions_now()
+        errors = rows['left'], rows['right'], rows['track']
+        return np.stack(real_velocities(np.stack([left, right]), errors), axis=1)
+
+    def _conditions_now(self) -> NDArray[np.void]:
+        """Return the condition of each robot in its last step, (n_robots,)."""
+        conditions, steps = self.robots.conditions, self.robots.known['step']
+        phases = (conditions.step > 0) & (steps >= conditions.step)
+        found: NDArray[np.void] = conditions.numbers[np.arange(len(self)), phases.astype(int)]
+        return found
 
     def _lane_states(self, robots: NDArray[np.int64]) -> list[LaneState]:
         known = self.robots.known[robots]
@@ -208,7 +248,7 @@ class SimulatorFleet:
                     distance_m=distance_m,
                     heading_error_rad=heading_error_rad,
                     position_m=position_m,
-                    section=self._courses[course].section_name(name, section),
+                    section=self._course_at(course).section_name(name, section),
                     progress_m=progress_m,
                     laps=laps,
                     episode=self.episode(robot),
@@ -230,8 +270,9 @@ class SimulatorFleet:
         ended: NDArray[np.bool_] = self.robots.known['reason'] > 0
         return ended
 
-    def _see_first(self, pixels: EsimPixels, robot: int) -> None:
+    def _see_first(self, pixels: EsimPixels, robot: int, parameters: PixelParameters) -> None:
         """Let the pixels of a robot see its first image."""
+        pixels.adopt(parameters)
         pixels.reset(self.noise[robot])
         pixels.step(self._scratch.image[None], 0, STEP_NS)
         rows: tuple[NDArray[Any], ...] = self.robots.esim
@@ -267,7 +308,8 @@ def _make_robots(world: World, n_robots: int, noise: Generators, losses: Generat
         ),
         waiting=np.zeros((n_robots, _most_waiting(world)), EVENT_DTYPE),
         memory=np.zeros((n_robots, len(world.filters.memory)), np.int64),
-        commands=np.zeros((n_robots, world.latency_steps, 2)),
+        commands=np.zeros((n_robots, world.most_latency_steps + 1, 2)),
+        conditions=make_conditions(n_robots, size if world.has_dead else 0),
         noise=noise.addresses,
         losses=losses.addresses,
     )
@@ -282,7 +324,24 @@ def _most_waiting(world: World) -> int:
     if not (world.has_esim and esim.latency_us):
         return 0
     size = world.height * world.width
-    rate_hz = (esim.leak_rate_hz + esim.shot_rate_hz) * size + esim.hot_rate_hz * len(esim.hot)
+    rate_hz = world.most_esim_noise_hz * size + esim.hot_rate_hz * len(esim.hot)
     steps = -(-esim.latency_us * 1000 // STEP_NS)
     noise = rate_hz * STEP_S * steps
     return int(2 * size * steps + noise + 20 * math.sqrt(noise + 1))
+
+
+def _schedules(parameters: SimulatorParameters, courses: Sequence[str]) -> list[Schedule]:
+    """Return a schedule for each robot, those on the same course the same one."""
+    made = {
+        name: Schedule(dataclasses.replace(parameters, course=name))
+        for name in dict.fromkeys(courses)
+    }
+    return [made[name] for name in courses]
+
+
+def _load_all(schedules: Sequence[Schedule]) -> dict[str, Course]:
+    """Return the courses of all schedules by name."""
+    found: dict[str, Course] = {}
+    for schedule in dict.fromkeys(schedules):
+        found |= load_courses(schedule)
+    return found

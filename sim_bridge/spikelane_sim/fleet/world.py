@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fires_always
-from spikelane_sim.camera import ANTIALIAS_ROWS, Camera
+from spikelane_sim.camera import ANTIALIAS_ROWS, seen_ground
+from spikelane_sim.communication_link import STEP_MS
+from spikelane_sim.conditions.schedule import Schedule
 from spikelane_sim.course import Course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
@@ -22,6 +24,9 @@ from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: Engines that a fleet has, by the numbers that the kernel knows.
 ENGINES = (KINEMATIC, RIGID)
+
+#: Where these change, what a pixel saw last does not follow from its last image.
+_INTENSITIES = {'camera.contrast', 'pixels.coppelia.threshold'}
 
 
 class Drive(NamedTuple):
@@ -54,10 +59,6 @@ class World(NamedTuple):
         first_lane: First lane of each course, and the end of the last one's, (n_courses + 1,).
         lengths_m: Lengths of the lanes, (n_lanes,).
         starts: x, y [m] and heading [rad] where robots start on the lanes, (n_lanes, 3).
-        intensities: Intensities of background, floor and marking on each course, as an image has
-            them, (n_courses, 3).
-        ground: Intensities of floor and marking, as `render` is given them, (n_courses, 2).
-        lens: The camera, with the columns of `raster`, (12,).
         n_rows: Scanlines per row of pixels.
         width: Columns of the image [px].
         height: Rows of the image [px].
@@ -68,15 +69,17 @@ class World(NamedTuple):
         substeps: Steps of the physics in a step of 50 ms.
         max_wheel_velocity_rad_s: The robot's limit.
         limits: When an episode ends.
-        threshold: Parameter of the pixels, as are the next two.
         dark_intensity: See `CoppeliaParameters`.
-        noise_rate_hz: See `CoppeliaParameters`.
         has_esim: Whether the pixels are those of `esim`.
         esim: What these have in common.
         n_images: Images that are rendered for a step.
         filters: Filters of the events.
-        event_loss: Share of events that are lost.
-        latency_steps: From an observation to its command, beyond the usual.
+        has_wheel_errors: Whether wheels are ever not as the robot takes them to be.
+        has_dead: Whether pixels are ever dead.
+        has_losses: Whether events are ever lost.
+        most_latency_steps: The longest latency.
+        most_noise_hz: The largest rate of noise of a pixel.
+        most_esim_noise_hz: The same of leak and shot noise with `esim`.
     """
 
     pieces: NDArray[np.float64]
@@ -86,9 +89,6 @@ class World(NamedTuple):
     first_lane: NDArray[np.int64]
     lengths_m: NDArray[np.float64]
     starts: NDArray[np.float64]
-    intensities: NDArray[np.float64]
-    ground: NDArray[np.float64]
-    lens: NDArray[np.float64]
     n_rows: int
     width: int
     height: int
@@ -99,42 +99,39 @@ class World(NamedTuple):
     substeps: int
     max_wheel_velocity_rad_s: float
     limits: Limits
-    threshold: float
     dark_intensity: float
-    noise_rate_hz: float
     has_esim: bool
     esim: Constants
     n_images: int
     filters: Chain
-    event_loss: float
-    latency_steps: int
+    has_wheel_errors: bool
+    has_dead: bool
+    has_losses: bool
+    most_latency_steps: int
+    most_noise_hz: float
+    most_esim_noise_hz: float
 
 
-def make_world(
-    parameters: SimulatorParameters, courses: Sequence[Course], filters: FilterParameters
-) -> World:
+def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterParameters) -> World:
     """Return what the robots of a fleet share.
 
     Args:
-        parameters: Parameters of the simulation; its course has no effect.
-        courses: On which the robots drive, at least one.
+        schedule: Parameters of the simulation, whose course has no effect, and what changes.
+        courses: On which the robots drive, or whose markings they see, at least one.
         filters: Filters of the events.
 
     Raises:
         SpikelaneError: A fleet cannot simulate this, or a filter cannot be made; the message
             names the parameter.
     """
+    parameters = schedule.parameters
     check_world(parameters, filters)
     n_images = parameters.pixels.images_per_step
     has_esim = parameters.pixels.model == 'esim'
     lanes = [lane for course in courses for lane in course.lanes.values()]
     camera, robot = parameters.camera, parameters.robot
-    pixels, rules = parameters.pixels.coppelia, parameters.episode
+    rules = parameters.episode
     rigid = RigidDrive(robot, n_images) if robot.engine == RIGID else None
-    intensities = [
-        (camera.background_intensity, each.ground.floor_intensity, each.ground.marking_intensity)
-        for each in courses
-    ]
     return World(
         pieces=np.concatenate([each.ground.pieces for each in courses]),
         first_piece=_bounds([len(each.ground.pieces) for each in courses]),
@@ -143,16 +140,10 @@ def make_world(
         first_lane=_bounds([len(each.lanes) for each in courses]),
         lengths_m=np.array([lane.length_m for lane in lanes]),
         starts=np.array([lane.start for lane in lanes]),
-        intensities=np.array(intensities, np.float32).astype(np.float64),
-        ground=np.array([each[1:] for each in intensities]),
-        lens=Camera(camera, courses[0]).lens,
         n_rows=ANTIALIAS_ROWS if camera.antialias else 1,
         width=camera.width,
         height=camera.height,
-        has_planes=not (camera.antialias or has_esim)
-        and all(
-            fires_always(*each, pixels.threshold, pixels.dark_intensity) for each in intensities
-        ),
+        has_planes=_has_planes(schedule, courses),
         engine=ENGINES.index(robot.engine),
         drive=Drive(robot.wheel_radius_m, robot.track_m, robot.axle_x_m, robot.height_m),
         body=rigid.body if rigid else RigidBody(*(0.0,) * len(RigidBody._fields)),
@@ -165,15 +156,36 @@ def make_world(
             rules.no_progress_steps,
             rules.min_progress_m,
         ),
-        threshold=pixels.threshold,
-        dark_intensity=pixels.dark_intensity,
-        noise_rate_hz=pixels.noise_rate_hz,
+        dark_intensity=parameters.pixels.coppelia.dark_intensity,
         has_esim=has_esim,
         esim=esim_constants(parameters.pixels.esim, camera.width, camera.height),
         n_images=n_images,
         filters=make_chain(filters, camera.width, camera.height),
-        event_loss=parameters.link.event_loss,
-        latency_steps=parameters.link.latency_steps,
+        has_wheel_errors=schedule.has_wheel_errors,
+        has_dead=any(schedule.values_of('pixels.dead_share')),
+        has_losses=schedule.largest('link.event_loss') > 0,
+        most_latency_steps=round(schedule.largest('link.latency_ms')) // STEP_MS,
+        most_noise_hz=schedule.largest('pixels.coppelia.noise_rate_hz'),
+        most_esim_noise_hz=schedule.largest('pixels.esim.shot_rate_hz')
+        + schedule.largest('pixels.esim.leak_rate_hz'),
+    )
+
+
+def _has_planes(schedule: Schedule, courses: Sequence[Course]) -> bool:
+    """Return whether images of three intensities are all that pixels need to remember."""
+    camera, pixels = schedule.parameters.camera, schedule.parameters.pixels
+    if camera.antialias or pixels.model == 'esim' or schedule.changing & _INTENSITIES:
+        return False
+    grounds = [seen_ground(each, camera) for each in courses]
+    return all(
+        fires_always(
+            camera.background_intensity,
+            each.floor_intensity,
+            each.marking_intensity,
+            pixels.coppelia.threshold,
+            pixels.coppelia.dark_intensity,
+        )
+        for each in grounds
     )
 
 

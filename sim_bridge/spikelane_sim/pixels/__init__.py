@@ -44,6 +44,15 @@ class PixelParameters(Parameters):
         choices=('coppelia', 'esim'),
         source='paper section 3.2',
     )
+    dead_share: float = parameter(
+        0.0, 'Share of the pixels that are dead: they give no events.', low=0.0, high=1.0
+    )
+    dead_seed: int = parameter(
+        0,
+        'Seed that determines which pixels are dead; they are the same in all episodes.',
+        low=0,
+        high=2**63 - 1,
+    )
     coppelia: CoppeliaParameters = nested(CoppeliaParameters)
     esim: EsimParameters = nested(EsimParameters)
 
@@ -83,6 +92,9 @@ class PixelModel(Protocol):
     @property
     def images_per_step(self) -> int:
         """Images that `step` wants, at equally spaced times."""
+
+    def adopt(self, parameters: PixelParameters) -> None:
+        """Go on with other noise; from the next reset on, also with other thresholds."""
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget everything seen; all randomness until the next reset comes from rng.

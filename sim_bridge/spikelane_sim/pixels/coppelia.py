@@ -11,6 +11,7 @@ difference of two float32 intensities is exact.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -26,6 +27,9 @@ from spikelane_sim.pixels.images import (
     WORD_PIXELS,
 )
 from spikelane_sim.pixels.noise import draw_shot
+
+if TYPE_CHECKING:
+    from spikelane_sim.pixels import PixelParameters
 
 _SOURCE = "CoppeliaSim's DVS128 model, in the paper's scenes"
 
@@ -78,6 +82,10 @@ class CoppeliaPixels:
         self.has_seen: bool | None = None
         self._rng: np.random.Generator | None = None
         self._fired = np.empty(width * height, EVENT_DTYPE)
+
+    def adopt(self, parameters: PixelParameters) -> None:
+        """Take over other parameters; see `PixelModel`."""
+        self.parameters = parameters.coppelia
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget the image; only noise is drawn from rng."""

@@ -22,6 +22,7 @@ a pixel loses by the second bound is lost for good, its reference catches up.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,9 @@ from spikelane_sim.pixels.crossings import (
     PixelArrays,
 )
 from spikelane_sim.pixels.images import check_images, check_times, no_reset
+
+if TYPE_CHECKING:
+    from spikelane_sim.pixels import PixelParameters
 
 #: Smallest contrast threshold that the spread can give a pixel (ESIM).
 LEAST_THRESHOLD = 0.01
@@ -157,6 +161,13 @@ class EsimPixels:
     def images_per_step(self) -> int:
         """Images that `step` wants."""
         return self.parameters.substeps
+
+    def adopt(self, parameters: PixelParameters) -> None:
+        """Take over other rates and thresholds; see `PixelModel`."""
+        self.parameters = parameters.esim
+        self.constants = self.constants._replace(
+            leak_rate_hz=self.parameters.leak_rate_hz, shot_rate_hz=self.parameters.shot_rate_hz
+        )
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget everything and draw every pixel's thresholds; see `PixelModel`."""

@@ -15,11 +15,15 @@ from spikelane_sim.engine import Engine
 from spikelane_sim.parameters import parameter, Parameters, ParameterSpec, ParametersT, with_groups
 from spikelane_sim.robots import registry
 from spikelane_sim.robots.own import ENDING
+from spikelane_sim.robots.wheel_errors import WheelErrors
 
 PYBULLET = 'pybullet'
 KINEMATIC = 'kinematic'
 RIGID = 'rigid'
 P3DX = 'p3dx'
+
+#: Parameters of a simulator that say by how much wheels are not as the robot takes them to be.
+WHEEL_ERRORS = ('robot.left_wheel_factor', 'robot.right_wheel_factor', 'robot.track_factor')
 
 _GROUPS = {
     name: each.parameters_class
@@ -83,6 +87,24 @@ class RobotParameters(Parameters):
         high=2.0,
         source="paper's simulation",
     )
+    left_wheel_factor: float = parameter(
+        1.0,
+        'Radius that the left wheel really has, as a multiple of wheel_radius_m.',
+        low=0.1,
+        high=10.0,
+    )
+    right_wheel_factor: float = parameter(
+        1.0,
+        'Radius that the right wheel really has, as a multiple of wheel_radius_m.',
+        low=0.1,
+        high=10.0,
+    )
+    track_factor: float = parameter(
+        1.0,
+        'Distance that the wheels really have, as a multiple of track_m.',
+        low=0.1,
+        high=10.0,
+    )
     max_wheel_velocity_rad_s: float = parameter(
         12.3,
         'Largest wheel velocity that the robot is commanded, in either direction.',
@@ -108,6 +130,11 @@ class RobotParameters(Parameters):
     def _check_relations(self) -> None:
         if self.model.endswith(ENDING):
             registry.robot_model(self.model)  # it can be read
+
+    @property
+    def wheel_errors(self) -> WheelErrors:
+        """By how much the wheels are not as the robot takes them to be."""
+        return WheelErrors(self.left_wheel_factor, self.right_wheel_factor, self.track_factor)
 
     def own(self, cls: type[ParametersT]) -> ParametersT:
         """Return the own parameters of the robot's engine, which are of this class."""

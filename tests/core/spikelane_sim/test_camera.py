@@ -57,6 +57,31 @@ def test_the_optical_frame_looks_ahead_and_down() -> None:
     assert axes[:, 1] == pytest.approx([-0.5, 0.0, -math.sqrt(0.75)], abs=1e-6)
 
 
+def test_a_camera_that_is_turned_looks_to_the_left_of_ahead() -> None:
+    """By 20 degrees, as the camera of a body that is turned by as much."""
+    course = load_course('scenario_1')
+    place = {'x_m': 0.0, 'y_m': 0.0}
+    turned = Camera(CameraParameters(yaw_deg=20.0, **place), course)
+    axes = np.reshape(pybullet.getMatrixFromQuaternion(turned.optical_frame.orientation), (3, 3))
+    sine, cosine = math.sin(math.radians(20)), math.cos(math.radians(20))
+    expected = [math.sqrt(0.75) * cosine, math.sqrt(0.75) * sine, -0.5]
+    assert axes[:, 2] == pytest.approx(expected, abs=1e-6)
+    assert axes[:, 0] == pytest.approx([sine, -cosine, 0.0], abs=1e-6)
+    half = math.radians(10)
+    body = np.array([*AT_START[:3], 0.0, 0.0, math.sin(half), math.cos(half)])
+    ahead = Camera(CameraParameters(**place), course)
+    assert np.mean(turned.render(AT_START) != ahead.render(body)) < 1e-3
+    assert np.mean(turned.render(AT_START) != ahead.render(AT_START)) > 0.01
+
+
+def test_less_contrast_keeps_the_mean_of_floor_and_markings() -> None:
+    """Half of the Michelson contrast of white on black is three quarters on a quarter."""
+    course = load_course('scenario_1')
+    image = Camera(CameraParameters(contrast=0.5), course).render(AT_START)
+    assert set(np.unique(image).tolist()) == {0.0, 0.25, 0.75}  # 0 beyond 2 m
+    assert set(np.unique(Camera(CameraParameters(), course).render(AT_START))) == {0.0, 1.0}
+
+
 def test_the_right_edge_is_seen_where_the_projection_puts_it() -> None:
     """Row 90, by hand.
 

@@ -36,6 +36,28 @@ ESIM = {
     'episode.no_progress_steps': 90,
 }
 LATE = {**ESIM, 'pixels.esim.latency_s': 0.07, 'pixels.esim.substeps': 5}
+#: All that can change while driving, in the second second of the first episode.
+CHANGES = [
+    'markings=scenario_2',
+    'camera.z_m=0.13',
+    'camera.yaw_deg=5',
+    'pixels.dead_share=0.3',
+    'pixels.coppelia.noise_rate_hz=2.0',
+    'pixels.esim.shot_rate_hz=2.0',
+    'link.latency_ms=100',
+    'link.event_loss=0.2',
+    'robot.left_wheel_factor=0.9',
+    'robot.track_factor=1.05',
+]
+CHANGED = {'perturbation.changes': CHANGES, 'perturbation.time_s': 1.2}
+FADED = {'perturbation.changes': ['camera.contrast=0.3'], 'perturbation.time_s': 0.5}
+RANDOM = {
+    'randomisation.enabled': True,
+    'randomisation.courses': ['scenario_1', 'random:1-3'],
+    'perturbation.changes': ['link.latency_ms=0', 'pixels.dead_share=0.1'],
+    'perturbation.episode': 2,
+    'perturbation.time_s': 2.0,
+}
 
 
 @numba.njit
@@ -108,6 +130,11 @@ def assert_same_events(events: Events, expected: Events, begin_ns: int) -> None:
             id='esim with latency, gray',
         ),
         pytest.param({**ESIM, 'link.event_loss': 0.3}, None, False, id='esim with loss'),
+        pytest.param(CHANGED, None, True, id='changed while driving'),
+        pytest.param({**CHANGED, **ESIM, **SMALL}, None, False, id='esim, changed'),
+        pytest.param({**FADED, **SMALL}, None, False, id='faded'),
+        pytest.param(RANDOM, None, False, id='randomised'),
+        pytest.param({**RANDOM, **LATE, **SMALL}, None, False, id='esim, randomised'),
     ],
 )
 def test_each_robot_does_what_it_does_alone(
