@@ -8,6 +8,10 @@ everything is put in order on the way out.
 A phase without such a loop (imports, figures) is ended after `GRACE_S` by a thread, at once and
 without clean-up. That loses nothing that a kill would not: files are written whole, the kernel
 releases locks, and it tells child processes to end (`spikelane.processes`).
+
+A loop whose way out leaves something that a kill would lose, as a recording, is in a block of
+`checking`. There the thread waits up to `LOOP_GRACE_S`, since on a busy machine or a slow disk a
+single step can take longer than `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import os
 import signal
 import socket
 import threading
+import time
 from typing import Any
 
 #: The signals that end a command.
@@ -26,8 +31,14 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: Longest time from a signal to the next `check` [s].
 GRACE_S = 2.0
 
+#: The same within a block of `checking` [s].
+LOOP_GRACE_S = 60.0
+
+_POLL_S = 0.05
+
 _noted: list[int] = []
 _taken = threading.Event()
+_loops: list[None] = []  # one for each block of `checking` that has been entered
 
 
 class Interrupted(BaseException):
@@ -100,6 +111,19 @@ def signals_noted(*, are_ignored_afterwards: bool = False) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def checking() -> Iterator[None]:
+    """Say that the block calls `check` again and again, and leaves something on its way out.
+
+    A signal waits up to `LOOP_GRACE_S` for the next call.
+    """
+    _loops.append(None)
+    try:
+        yield
+    finally:
+        _loops.pop()
+
+
+@contextlib.contextmanager
 def handlers_kept() -> Iterator[None]:
     """Keep the handlers of SIGINT and SIGTERM through a call that would replace them."""
     handlers: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
@@ -139,6 +163,9 @@ def _watch(told: socket.socket) -> None:
             continue
         # The main thread may be amid a long call in C, where its handler cannot run.
         _noted.append(number)
+        latest_s = time.monotonic() + LOOP_GRACE_S - GRACE_S
+        while _loops and time.monotonic() < latest_s and not _taken.wait(_POLL_S):
+            pass
         if not _taken.wait(GRACE_S):
             os._exit(128 + number)
         return

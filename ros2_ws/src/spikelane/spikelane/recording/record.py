@@ -8,7 +8,7 @@ from pathlib import Path
 import tempfile
 from typing import Any, NamedTuple
 
-from spikelane.interruption import Interrupted
+from spikelane.interruption import checking, Interrupted
 from spikelane.runs.configuration import Configuration, configured_controller
 from spikelane_controllers.quantities import begin_to_record, chosen_quantities, Quantity
 from spikelane_controllers.shown import shown_by
@@ -76,8 +76,8 @@ def recorded(
 ) -> Iterator[RecordStep]:
     """Give what records the steps of a controller; the file is there after the block.
 
-    Where a signal ends the block, the file has what was driven until then, and says so. After any
-    other error there is no file.
+    Where a signal ends the block, the file has what was driven until then, and says so: `check`
+    is called between the steps. After any other error there is no file.
 
     Args:
         controller: What drives, after each step.
@@ -113,7 +113,8 @@ def written(
     with path_written_whole(path) as part:
         file = RecordingFile(part, tuple(quantities), facts)
         try:
-            yield file.append
+            with checking():
+                yield file.append
         except Interrupted as error:
             interrupted = error
         except BaseException:
