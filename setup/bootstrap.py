@@ -33,9 +33,10 @@ REQUIREMENTS = ROOT / 'requirements'
 WORKSPACE = ROOT / 'ros2_ws'
 STATE = VENV / 'spikelane.json'
 
-#: What pip writes when it cannot reach the package index.
+#: What pip and uv write when they cannot reach the package index.
 _NO_NETWORK = re.compile(
     'NewConnectionError|NameResolutionError|ConnectTimeoutError|ProxyError|Network is unreachable'
+    '|dns error|error sending request|tcp connect error'
 )
 #: Run by the Python that is to be used: what does it lack?
 _PROBE = """
@@ -233,25 +234,23 @@ def install_lists(lists: Sequence[RequirementLists]) -> None:
 
 
 def install(*files: Path, is_closed: bool = False) -> None:
-    """Install requirements with pip, and what they ask for unless they are closed.
+    """Install requirements, and what they ask for unless they are closed (`install.py`).
 
     Raises:
-        SetupError: pip failed.
+        SetupError: They cannot be installed.
     """
     names = ', '.join(file.name for file in files)
-    # Through the environment, the versions also hold for what pip builds. They are split at
-    # spaces, hence relative.
+    # Through the environment, the versions also hold for what is built. They are split at spaces,
+    # hence relative.
     variables = os.environ | {
         'PIP_CONSTRAINT': str((REQUIREMENTS / 'constraints.txt').relative_to(ROOT)),
         'PIP_USER': '0',
         '_ROS_WHEELS_BOOTSTRAP_COMPLETE': '1',
     }
-    command = [str(PYTHON), '-I', '-m', 'pip', 'install', '--quiet', '--no-input']
-    command += ['--disable-pip-version-check', '--no-compile', '--retries', '2']
-    command += ['--no-deps'] * is_closed
+    command = [str(PYTHON), '-I', str(ROOT / 'setup/install.py'), *['--no-deps'] * is_closed]
     command += [part for file in files for part in ('-r', str(file))]
     with step(f'installing {names}'):
-        run(command, 'pip', variables)
+        run(command, 'install', variables)
 
 
 def repair_cmake_files() -> None:

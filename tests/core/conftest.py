@@ -18,6 +18,8 @@ from spikelane_sim import figure_style
 #: The minor versions of Python 3 that are supported.
 MINORS = (10, 11, 12, 13)
 VENV = Path(__file__).resolve().parents[2] / '.venv'
+#: Variables that commands as from a new shell keep begin so: where packages come from.
+KEPT = ('PIP_', 'UV_', 'OPENBLAS_', 'http', 'HTTP', 'REQUESTS_')
 PROBE = 'import sys, ensurepip; print(sys.version_info[1], sys.base_prefix)'
 
 #: Runs a command, which must succeed, with some variables; returns its standard error.
@@ -79,7 +81,8 @@ def _run_anew(*command: str | Path, cwd: Path | None = None, **variables: str) -
     environment = {
         name: value
         for name, value in os.environ.items()
-        if name in kept or name.startswith(('PIP_', 'OPENBLAS_', 'http', 'HTTP', 'REQUESTS_'))
+        if name in kept
+        or name.startswith(('PIP_', 'UV_', 'OPENBLAS_', 'http', 'HTTP', 'REQUESTS_'))
     }
     path = environment['PATH'].split(os.pathsep)
     environment['PATH'] = os.pathsep.join(each for each in path if not each.startswith(str(VENV)))

@@ -61,7 +61,7 @@ def bootstrap(tree: Path) -> ModuleType:
 
 
 class Machine:
-    """Stands in for pip and colcon; notes what they are called for."""
+    """Stands in for what installs and builds; notes what they are called for."""
 
     def __init__(self, bootstrap: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
         """Replace what starts programs, except for the questions to Python."""
@@ -115,12 +115,12 @@ BUILD_ALL = 'colcon event_camera_msgs simulation_interfaces spikelane_msgs tf2_m
 
 def test_a_second_call_does_nothing(machine: Machine) -> None:
     """What is complete is not repeated; tests add their own requirements only."""
-    assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
+    assert machine.calls_of('run') == ['venv', f'install {WHEELS} run.txt', BUILD_ALL]
     assert machine.calls_of('run') == []
-    assert machine.calls_of('view') == ['pip view.txt']
-    assert machine.calls_of('learn') == ['pip learn.txt']
-    assert machine.calls_of('docs') == ['pip docs.txt']
-    assert machine.calls_of('test') == ['pip test.txt']
+    assert machine.calls_of('view') == ['install view.txt']
+    assert machine.calls_of('learn') == ['install learn.txt']
+    assert machine.calls_of('docs') == ['install docs.txt']
+    assert machine.calls_of('test') == ['install test.txt']
     assert machine.calls_of('test') == []
 
 
@@ -140,7 +140,7 @@ def test_another_python_that_is_asked_for_is_obeyed(
     """It may have the same version; the environment's own Python does not count as another."""
     machine.calls_of('run')
     monkeypatch.setenv('PYTHON', sys.executable)
-    assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
+    assert machine.calls_of('run') == ['venv', f'install {WHEELS} run.txt', BUILD_ALL]
     bootstrap.PYTHON.unlink()
     bootstrap.PYTHON.symlink_to(os.path.realpath(sys.executable))
     assert machine.calls_of('run') == []
@@ -149,8 +149,8 @@ def test_another_python_that_is_asked_for_is_obeyed(
 @pytest.mark.parametrize(
     ('failing', 'then'),
     [
-        ('venv', ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]),
-        ('pip', [f'pip {WHEELS} run.txt', BUILD_ALL]),
+        ('venv', ['venv', f'install {WHEELS} run.txt', BUILD_ALL]),
+        ('install', [f'install {WHEELS} run.txt', BUILD_ALL]),
         ('colcon', [BUILD_ALL]),
     ],
 )
@@ -171,9 +171,9 @@ def test_an_interrupted_set_up_goes_on(machine: Machine, failing: str, then: lis
         ('sim_bridge/config/new.yaml', ['colcon sim_bridge']),
         ('sim_bridge/spikelane_sim/__init__.py', []),
         ('sim_bridge/spikelane_sim/new.py', []),
-        ('requirements/run.txt', [f'pip {WHEELS} run.txt']),
+        ('requirements/run.txt', [f'install {WHEELS} run.txt']),
         ('requirements/test.txt', []),
-        ('requirements/wheels.txt', [f'pip {WHEELS} run.txt', BUILD_ALL]),
+        ('requirements/wheels.txt', [f'install {WHEELS} run.txt', BUILD_ALL]),
     ],
 )
 def test_a_change_repeats_what_depends_on_it(
@@ -192,7 +192,7 @@ def test_a_moved_repository_is_set_up_anew(machine: Machine, bootstrap: ModuleTy
     machine.calls_of('run')
     state = bootstrap.read_state() | {'environment': '/elsewhere, wheels for Python 3.11'}
     bootstrap.write_state(state)
-    assert machine.calls_of('run') == ['venv', f'pip {WHEELS} run.txt', BUILD_ALL]
+    assert machine.calls_of('run') == ['venv', f'install {WHEELS} run.txt', BUILD_ALL]
 
 
 def test_the_environment_s_own_python_makes_it_anew(
@@ -220,7 +220,7 @@ def test_what_ros_has_is_not_built(machine: Machine, tmp_path: Path, monkeypatch
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(ros))
     assert machine.calls_of('run') == [
         'venv',
-        'pip system-ros.txt run.txt',
+        'install system-ros.txt run.txt',
         'colcon event_camera_msgs spikelane_msgs sim_bridge',
     ]
 

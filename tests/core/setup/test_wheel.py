@@ -27,6 +27,7 @@ from spikelane.main import run as run_here
 
 ROOT = Path(__file__).resolve().parents[3]
 CONSTRAINTS = ROOT / 'requirements/constraints.txt'
+VENV = ROOT / '.venv/bin'
 MODULES = (
     ROOT / 'sim_bridge/spikelane_sim',
     ROOT / 'controllers/spikelane_controllers',
@@ -117,7 +118,9 @@ def laps(
 
     def drive(python: str, folder: Path) -> Path:
         versions = lowest(metadata, folder) if is_lowest(python) else pinned(folder)
-        programs = install(run_anew, python, folder / 'venv', str(wheel), *versions)
+        run_anew(VENV / 'uv', 'venv', '-q', '--python', python, folder / 'venv')
+        programs = folder / 'venv/bin'
+        add(run_anew, programs / 'python', str(wheel), *versions)
         run_anew(programs / 'spikelane', *LAP, '--out', folder / 'lap', cwd=folder)
         return folder / 'lap'
 
@@ -133,7 +136,9 @@ def laps(
 def library(wheel: Path, run_anew: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give an environment with the library and no extras."""
     folder = tmp_path_factory.mktemp('library')
-    install(run_anew, sys.executable, folder / 'venv', str(wheel), *pinned(folder))
+    run_anew(sys.executable, '-m', 'venv', folder / 'venv')
+    pip = [folder / 'venv/bin/python', '-m', 'pip', 'install', '-q', '--no-compile']
+    run_anew(*pip, wheel, *pinned(folder))
     return folder / 'venv'
 
 
@@ -142,12 +147,9 @@ def is_lowest(python: str) -> bool:
     return python.endswith('3.10')
 
 
-def install(run: Run, python: str, folder: Path, *wanted: str) -> Path:
-    """Install with a Python into a new environment; return the folder of its programs."""
-    run(python, '-m', 'venv', folder)
-    pip = [folder / 'bin/python', '-m', 'pip', 'install', '-q', '--no-compile']
-    run(*pip, *wanted)
-    return folder / 'bin'
+def add(run: Run, python: Path, *wanted: str) -> None:
+    """Install into an environment, as the set-up does: in a fraction of pip's time."""
+    run(VENV / 'python', '-I', ROOT / 'setup/install.py', '--python', python, *wanted)
 
 
 def pinned(folder: Path) -> list[str]:
@@ -287,18 +289,14 @@ def test_an_extra_brings_what_it_is_for(
 ) -> None:
     """Without it the module is not there; with it, and nothing else, the command does its work.
 
-    The environment is a new one that sees the library's, so that only the extra is installed.
+    The environment is a copy of the library's, with links to its files.
     """
     module, arguments = EXTRAS[extra]
-    [base] = library.glob('lib/python3.*/site-packages')
-    run_anew(sys.executable, '-m', 'venv', tmp_path / 'venv')
-    [packages] = tmp_path.glob('venv/lib/python3.*/site-packages')
-    (packages / 'library.pth').write_text(f'import site; site.addsitedir({str(base)!r})')
+    shutil.copytree(library, tmp_path / 'venv', symlinks=True, copy_function=os.link)
     python = tmp_path / 'venv/bin/python'
     missing = f'import importlib.util; assert importlib.util.find_spec({module!r}) is None'
     run_anew(python, '-c', missing)
-    pip = [python, '-m', 'pip', 'install', '-q', '--no-compile']
-    run_anew(*pip, f'{wheel}[{extra}]', *pinned(tmp_path))
+    add(run_anew, python, f'{wheel}[{extra}]', *pinned(tmp_path))
     (tmp_path / 'one.yaml').write_text(ONE_RUN)
     run_anew(python, *arguments, cwd=tmp_path)
 
