@@ -9,7 +9,7 @@ from typing import Any
 from spikelane_sim.camera import ANTIALIAS_ROWS, CameraParameters
 from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.conditions.perturbation import PerturbationParameters
-from spikelane_sim.conditions.randomisation import RandomisationParameters
+from spikelane_sim.conditions.randomisation import ENDS, RandomisationParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.robots import P3DX, RobotParameters
@@ -99,10 +99,16 @@ class SimulatorParameters(Parameters):
         self._check_changes()
 
     def _check_changes(self) -> None:
-        """Refuse values that a perturbation cannot give."""
+        """Refuse values that an episode or a perturbation cannot have."""
+        usual: dict[str, Any] = {'randomisation.enabled': False, 'perturbation.changes': []}
+        if self.randomisation.enabled:
+            values = self.to_dict()
+            for place in ENDS:
+                drawn = self.randomisation.chosen(values, place)
+                SimulatorParameters.from_mapping({**values, **drawn, **usual}, 'randomisation')
         if changes := self.perturbation.values():
-            values = {**self.to_dict(), **changes, 'perturbation.changes': []}
-            SimulatorParameters.from_mapping(values, 'perturbation.changes')
+            changed = {**self.to_dict(), **changes, **usual}
+            SimulatorParameters.from_mapping(changed, 'perturbation.changes')
 
 
 _ESIM = 'pixels.esim.'

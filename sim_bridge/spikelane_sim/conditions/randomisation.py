@@ -7,6 +7,7 @@ being exactly right.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,10 @@ from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.random_course import expand_courses
 
 _LEAST_THRESHOLD = 0.01
+_DRAWN = 12  # numbers for an episode
+
+#: Places in all ranges that have the smallest and the largest values.
+ENDS = ([0.0] * _DRAWN, [1 - 2**-53] * _DRAWN)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,14 +100,22 @@ class RandomisationParameters(Parameters):
             'link.event_loss': self.event_loss,
         }.get(name, 0.0)
 
-    def draw(self, values: dict[str, Any], rng: np.random.Generator) -> dict[str, Any]:
+    def draw(self, values: Mapping[str, Any], rng: np.random.Generator) -> dict[str, Any]:
         """Return the parameters that an episode has in place of the simulator's.
 
         Args:
             values: The simulator's, under dotted names.
             rng: The episode's; as many numbers are drawn whatever the ranges are.
         """
-        u = rng.random(12).tolist()
+        return self.chosen(values, rng.random(_DRAWN).tolist())
+
+    def chosen(self, values: Mapping[str, Any], u: Sequence[float]) -> dict[str, Any]:
+        """Return the parameters at certain places of their ranges.
+
+        Args:
+            values: As in `draw`.
+            u: From 0 to less than 1, where each lies in its range, 12 numbers.
+        """
         noise_hz = self.noise_hz * u[0]
         around = [2 * each - 1 for each in u]
         threshold = 1 + self.threshold * around[1]

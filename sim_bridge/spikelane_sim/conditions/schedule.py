@@ -13,6 +13,9 @@ from spikelane_sim.contract import conditions_rng
 from spikelane_sim.robots import WHEEL_ERRORS
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
+#: Of the parameters of a phase, in which nothing changes any more.
+_CHECKED = {'randomisation.enabled': False, 'perturbation.changes': []}
+
 
 class Phases(NamedTuple):
     """The phases of an episode."""
@@ -81,11 +84,11 @@ class Schedule:
         if self._is_random:
             drawn = self.parameters.randomisation.draw(values, conditions_rng(seed, episode))
             values = {**values, **drawn}
-            first = SimulatorParameters.from_mapping(values)
+            first = SimulatorParameters.from_mapping({**values, **_CHECKED})
         perturbation = self.parameters.perturbation
         if not self._changes or episode < perturbation.episode:
             return Phases(first, None, 0)
-        changed = {**values, **self._changes, 'perturbation.changes': []}
+        changed = {**values, **self._changes, **_CHECKED}
         then = SimulatorParameters.from_mapping(changed)
         if episode > perturbation.episode or perturbation.step == 1:
             return Phases(then, None, 0)

@@ -7,7 +7,7 @@ import pytest
 
 from spikelane_sim.conditions.schedule import Schedule
 from spikelane_sim.contract import WheelVelocities
-from spikelane_sim.errors import ParameterError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -55,7 +55,8 @@ def test_each_episode_draws_uniformly_from_the_stated_ranges() -> None:
         counts = [found[name].count(each) for each in choices]
         assert sum(counts) == 400
         assert np.array(counts) / 400 == pytest.approx([1 / len(choices)] * len(choices), abs=0.09)
-    constant = {name for name in usual if name not in (*BOUNDS, 'link.latency_ms', 'course')}
+    changing = (*BOUNDS, 'link.latency_ms', 'course', 'randomisation.enabled')
+    constant = {name for name in usual if name not in changing}
     assert all(set(map(str, found[name])) == {str(usual[name])} for name in constant)
 
 
@@ -100,3 +101,26 @@ def test_courses_that_cannot_follow_each_other_are_refused() -> None:
     values = {**RANDOM, 'markings': 'scenario_2'}
     with pytest.raises(ParameterError, match='markings: expected a course with the lanes of'):
         Simulator(SimulatorParameters.from_mapping(values))
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        (
+            {'camera.pitch_deg': 88.0},
+            'randomisation: camera.pitch_deg: expected a number from -90 to 90 deg, got 91.0',
+        ),
+        (
+            {'pixels.coppelia.noise_rate_hz': 1000.0},
+            'randomisation: pixels.coppelia.noise_rate_hz: expected a number from 0 to 1000 Hz',
+        ),
+        ({'randomisation.courses': ['random:9-3']}, 'random:9-3'),
+    ],
+)
+def test_ranges_that_reach_what_is_not_allowed_are_refused(
+    values: dict[str, object], message: str
+) -> None:
+    """Before anything drives, not in the episode that draws it."""
+    with pytest.raises(SpikelaneError) as caught:
+        SimulatorParameters.from_mapping({**RANDOM, **values})
+    assert message in str(caught.value)
