@@ -117,6 +117,7 @@ class Supervisor:
         self._executor.add_node(self._node)
         self.values: Mapping[str, str] = {}
         self._is_quitting = False
+        self._heard = 0  # messages of the simulator
         # The client comes first. A service drops an answer to a client that it has not met within
         # 0.1 s; whoever hears the simulator's diagnostics has been met, and so was, in the order
         # of their making, all that was made before.
@@ -180,7 +181,8 @@ class Supervisor:
     def check_simulator(self, may_end: Sequence[str] = ()) -> None:
         """Check that the simulator is not about to end, which makes other nodes fail as well.
 
-        It says once a second what it does.
+        It says once a second what it does. What it said before it was about to end may still be
+        on its way, so that only its second message from now on is believed.
 
         Args:
             may_end: As in `spin`.
@@ -188,9 +190,9 @@ class Supervisor:
         Raises:
             ProcessError: It has ended, or another process has.
         """
-        self.values = {}
+        heard = self._heard
         deadline_s = time.monotonic() + _END_DEADLINE_S
-        while time.monotonic() < deadline_s and (not self.values or self._is_quitting):
+        while time.monotonic() < deadline_s and (self._heard < heard + 2 or self._is_quitting):
             self.spin(may_end)
 
     def spin(self, may_end: Sequence[str] = ()) -> None:
@@ -202,6 +204,7 @@ class Supervisor:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == 'simulator':
+                self._heard += 1
                 self._is_quitting = status.message == 'quitting'
                 self.values = {pair.key: pair.value for pair in status.values}
 
