@@ -41,7 +41,10 @@ MEANINGS = FOLDER / 'meanings.yaml'
 
 #: A namespace tells names that are relative from those that are not.
 _SPACE = '/reference'
-_DESCRIPTION = re.compile(r'(?P<text>.*?)(?: \[(?P<unit>[^\]]*)\])?(?: Source: (?P<source>.*)\.)?')
+_DESCRIPTION = re.compile(
+    r'(?P<text>.*?)(?: \[(?P<unit>[^\]]*)\])?(?: Source: (?P<source>.*?)\.)?'
+    r'(?: Can be changed while the node runs: from the (?P<changes>.*) on\.)?'
+)
 _NONE = '–'  # noqa: RUF001  # a dash stands where there is nothing
 _INTEGER_MAX = 2**63 - 1
 _KINDS = {
@@ -287,14 +290,14 @@ def _rows(node: Node, names: Sequence[str], defaults: Mapping[str, Any]) -> Iter
     for descriptor in node.describe_parameters(names):
         parts = _DESCRIPTION.fullmatch(descriptor.description)
         assert parts  # the pattern takes any text
-        default = defaults[descriptor.name]
+        default, changes = defaults[descriptor.name], parts['changes']
         yield Row(
             descriptor.name,
             _KINDS[Parameter.Type.from_parameter_value(default)] if default != [] else 'string[]',
             _value(default),
             _allowed(descriptor),
             parts['unit'] or '',
-            parts['text'],
+            parts['text'] + (f' *Changes from the {changes} on.*' if changes else ''),
             parts['source'] or '',
         )
 

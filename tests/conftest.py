@@ -32,6 +32,8 @@ _TYPES = {
     'event_camera/events': 'event_camera_msgs/msg/EventPacket',
     'wheel_velocities': 'spikelane_msgs/msg/WheelVelocities',
     'controller/state': 'spikelane_msgs/msg/ControllerState',
+    'parameter_changes': 'rcl_interfaces/msg/ParameterEvent',
+    'parameter_events': 'rcl_interfaces/msg/ParameterEvent',
 }
 #: Wall time of the first message, and from step to step [ns].
 _BEGIN_NS, _STEP_NS = 10**18, 5_000_000
@@ -122,6 +124,8 @@ def _typestore() -> Any:
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in _TYPES.values():
         package, _, stem = name.split('/')
+        if not (_MSGS / package).exists():  # one of ROS itself
+            continue
         text = (_MSGS / package / 'msg' / f'{stem}.msg').read_text()
         store.register(get_types_from_msg(text, name))
     return store
@@ -141,9 +145,10 @@ class Drives:
     Attributes:
         types: Types of the messages.
         said: Makes a message on the graph.
+        seen: Makes an observation with its answer.
     """
 
-    said = Said
+    said, seen = Said, Seen
 
     def __init__(self) -> None:
         self.types = _typestore()
@@ -242,6 +247,20 @@ class Drives:
             nothing,
             False,
         )
+
+    def change(self, stamp_ns: int, node: str, **values: bool | float) -> Any:
+        """Return the message of a change of parameters."""
+        types = self.types.types
+        changed = []
+        for name, value in values.items():
+            is_flag = isinstance(value, bool)
+            number = 0.0 if is_flag else float(value)
+            arrays = (np.zeros(0, each) for each in (np.uint8, bool, np.int64, np.float64))
+            fields = (1 if is_flag else 3, is_flag and value, 0, number, '', *arrays, [])
+            wrapped = types['rcl_interfaces/msg/ParameterValue'](*fields)
+            changed.append(types['rcl_interfaces/msg/Parameter'](name, wrapped))
+        stamp = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+        return types['rcl_interfaces/msg/ParameterEvent'](stamp, node, [], changed, [])
 
     def header(self, stamp_ns: int) -> Any:
         """Return a header of this stamp."""

@@ -16,6 +16,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from spikelane_controllers.change_check import check_changes
 from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.controller_host import image_size
 from spikelane_controllers.learning.learning_controller import check_can_learn, LearningController
@@ -106,6 +107,9 @@ def check_controller(
         'same seed, same answers': lambda: _check_determinism(violations, make, observations),
         'odd observations': lambda: _check_odd(violations, make, observations[0]),
         'recording': lambda: check_recording(make, _drives(observations)),
+        'parameters that may be changed': lambda: check_changes(
+            cls, values, lambda controller: _drive(controller, observations)
+        ),
     }
     if hasattr(cls, 'state') or hasattr(cls, 'restore') or 'learning' in values.to_dict():
         checks['learning'] = lambda: _check_learner(violations, name, make, observations)

@@ -17,7 +17,7 @@ import numpy as np
 from spikelane_sim.contract import STANDSTILL, STEP_NS, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import NEXT_STEP, parameter, Parameters
 
 STEP_MS = STEP_NS // 1_000_000
 
@@ -32,8 +32,11 @@ class LinkParameters(Parameters):
         unit='ms',
         low=0,
         high=60_000,
+        changes=NEXT_STEP,
     )
-    event_loss: float = parameter(0.0, 'Share of the events that is lost.', low=0.0, high=1.0)
+    event_loss: float = parameter(
+        0.0, 'Share of the events that is lost.', low=0.0, high=1.0, changes=NEXT_STEP
+    )
 
     def _check_relations(self) -> None:
         # Robots are given one pair of velocities a step, so none can take effect within one.

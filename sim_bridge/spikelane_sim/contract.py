@@ -121,7 +121,9 @@ class Controller(Protocol):
     """Turns observations into wheel velocities.
 
     A class that uses other sensors than events names all of them in an attribute `sensors`, as
-    ('events', 'encoders').
+    ('events', 'encoders'). One with parameters that may be changed while it drives
+    (`ParameterSpec.changes`) has a method `change(parameters)`: it is given all of its parameters,
+    between two steps, before `reset` where an episode begins.
     """
 
     def reset(self, rng: np.random.Generator) -> None:

@@ -11,9 +11,14 @@ from typing import Any
 from spikelane_sim.contract import LaneState, WheelEncoders, WheelVelocities
 from spikelane_sim.errors import MessageError
 from spikelane_sim.frame_names import WHEEL_JOINTS
+from spikelane_sim.parameter_changes import ParameterChange
 from spikelane_sim.sensor import ReceivedPacket
 
 _SECOND_NS = 1_000_000_000
+
+#: Fields of a rcl_interfaces/ParameterValue by its type, of those that parameters have which may
+#: be changed.
+_VALUE_FIELDS = {1: 'bool_value', 2: 'integer_value', 3: 'double_value', 4: 'string_value'}
 
 
 def to_stamp_ns(time: Any) -> int:
@@ -100,3 +105,20 @@ def received_packet(message: Any) -> ReceivedPacket:
         message.height,
         message.is_bigendian,
     )
+
+
+def change_from_message(message: Any) -> ParameterChange:
+    """Return the change of parameters that a rcl_interfaces/ParameterEvent tells of.
+
+    Raises:
+        MessageError: A value is of a type that no such parameter has.
+    """
+    values = {}
+    for each in message.changed_parameters:
+        field = _VALUE_FIELDS.get(int(each.value.type))
+        if field is None:
+            raise MessageError(
+                f'{each.name}: expected a value of type 1 to 4, got {each.value.type}'
+            )
+        values[str(each.name)] = getattr(each.value, field)
+    return ParameterChange(to_stamp_ns(message.stamp), values)

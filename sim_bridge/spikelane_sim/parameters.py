@@ -20,6 +20,10 @@ from spikelane_sim.errors import ParameterError
 #: Steps of anything: 10^9 actions would take days.
 MOST_STEPS = 10**9
 
+#: When a change of a parameter takes effect, for those that may be changed; see
+#: `parameter_changes`.
+NEXT_STEP, NEXT_EPISODE = 'next step', 'next episode'
+
 ParametersT = TypeVar('ParametersT', bound='Parameters')
 
 # The kinds of value a parameter can have: what ROS parameters, YAML and command lines share.
@@ -49,6 +53,8 @@ class ParameterSpec:
             empty for none.
         source: Where the default comes from (a place in the paper), empty for our own choice.
         item: Type of a list's items: float or str.
+        changes: When a change takes effect, NEXT_STEP or NEXT_EPISODE; empty where the value is
+            fixed once it is in use.
     """
 
     name: str
@@ -62,6 +68,7 @@ class ParameterSpec:
     ending: str = ''
     source: str = ''
     item: type = float
+    changes: str = ''
 
     @property
     def allowed(self) -> str:
@@ -115,6 +122,7 @@ def parameter(
     choices: tuple[str, ...] = (),
     ending: str = '',
     source: str = '',
+    changes: str = '',
 ) -> Any:
     """Declare a field of a `Parameters` class; see `ParameterSpec` for the arguments."""
     metadata = {
@@ -125,6 +133,7 @@ def parameter(
         'choices': choices,
         'ending': ending,
         'source': source,
+        'changes': changes,
     }
     return dataclasses.field(default=default, metadata=metadata)
 

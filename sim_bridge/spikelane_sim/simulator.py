@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 import math
 from types import TracebackType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from spikelane_sim.episode_rules import (
     start_at,
 )
 from spikelane_sim.errors import PoseError, SpikelaneError
+from spikelane_sim.parameter_changes import ChangingParameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: How far beyond the rectangle around the road a robot can be placed.
@@ -54,6 +55,11 @@ class Simulator:
 
     `reset` begins an episode and gives the first observation, `step` each further one. The same
     seed gives the same observations, bit for bit, whatever was simulated before.
+
+    Attributes:
+        parameters: Those in use.
+        changing: Takes changes of those that may be changed, and tells which have taken effect.
+        command_counts: Wheel commands that were not taken as they came.
     """
 
     def __init__(
@@ -79,6 +85,7 @@ class Simulator:
             SpikelaneError: The course or a combination of parameters cannot be simulated.
         """
         self.parameters = parameters or SimulatorParameters()
+        self.changing = ChangingParameters(self.parameters)
         self._schedule = Schedule(self.parameters)
         self._courses = load_courses(self._schedule)
         self._phases = Phases(self.parameters, None, 0)
@@ -135,6 +142,18 @@ class Simulator:
     def seed(self) -> int:
         """The seed last given to `reset`."""
         return self._seed
+
+    def change(self, values: Mapping[str, Any]) -> None:
+        """Change parameters that may be changed, as `{'link.event_loss': 0.1}`.
+
+        Each takes effect as its declaration says (`ParameterSpec.changes`): with the next step or
+        the next episode. An episode that begins is the same, bit for bit, as with a simulator that
+        was made with these values.
+
+        Raises:
+            ParameterError: As in `ChangingParameters.change`; nothing has changed then.
+        """
+        self.changing.change(values)
 
     def clear(self, lane: str | None = None) -> None:
         """Forget the episode: no time has passed, and the robot stands where one may begin.
@@ -197,8 +216,9 @@ class Simulator:
         if from_time_zero:
             self._time_ns = 0
         self._episode, self._phases, self.course = number, phases, course
-        if self._schedule.changing:
-            self._change(phases.first)
+        has_changed = self._take_changes(begins_episode=True)
+        if has_changed or self._schedule.changing:
+            self._change(self._phases.first)
         self._devices.robot.reset(start.x_m, start.y_m, start.heading_rad)
         self._devices.reset(self._seed, self._episode)
         self._begin(lane)
@@ -214,9 +234,13 @@ class Simulator:
             SpikelaneError: The episode is over, or none has begun.
         """
         last = self._running_lane_state()
-        then = self._phases.then
-        if then is not None and self._progress.step + 1 == self._phases.step:
+        step = self._progress.step + 1
+        has_changed = self._take_changes(begins_episode=False)
+        first, then, begin = self._phases
+        if then is not None and (step == begin or (has_changed and step > begin)):
             self._change(then)
+        elif has_changed:
+            self._change(first)
         poses = self._devices.drive(self._admit(wheels))
         x_m, y_m, heading_rad = _planar(poses[-1])
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
@@ -254,6 +278,16 @@ class Simulator:
         point = self.course.locate(last.lane, x_m, y_m, heading_rad)
         self._progress = self._progress._replace(position_m=point.position_m)
         self._lane_state = last._replace(position_m=point.position_m)
+
+    def _take_changes(self, *, begins_episode: bool) -> bool:
+        """Let changes take effect that were asked for; return whether any did."""
+        next_ns = self._time_ns + STEP_NS
+        if not self.changing.take_effect(next_ns, begins_episode=begins_episode):
+            return False
+        self.parameters = self.changing.parameters
+        self._schedule = Schedule(self.parameters)
+        self._phases = self._schedule.phases(self._seed, self._episode)
+        return True
 
     def _observe(self, poses: NDArray[np.float64]) -> Observation:
         start_ns = self._time_ns

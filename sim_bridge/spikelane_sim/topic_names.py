@@ -24,6 +24,10 @@ WEIGHTS = 'controller/weights'
 #: What a controller records of itself, where it is asked to.
 RECORDED = 'controller/recorded'
 
+#: Changes of parameters while a drive goes on, by who has them.
+SIMULATOR_CHANGES = 'simulator/parameter_changes'
+CONTROLLER_CHANGES = 'controller/parameter_changes'
+
 #: How publishers and the recorder meet, see `spikelane_sim.nodes.meeting`.
 RECORDER_STATE = 'recorder/state'
 PUBLISHED = 'recorder/published'

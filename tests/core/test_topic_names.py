@@ -42,6 +42,8 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         '/diagnostics',
         'recorder/state',
         'recorder/published',
+        'simulator/parameter_changes',
+        'controller/parameter_changes',
     } == NAMES
 
 

@@ -230,7 +230,7 @@ def test_ctrl_c_ends_all(tmp_path: Path) -> None:
     A node whose work it cuts short says so with 130.
     """
     with launched(tmp_path, 'lap', f'bag:={tmp_path / "bag"}') as launch:
-        launch.until('recording 11 topics')
+        launch.until('recording 12 topics')
         time.sleep(1.0)
         os.killpg(launch.process.pid, signal.SIGINT)
         status, endings = launch.wait()

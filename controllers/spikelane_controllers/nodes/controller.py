@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from spikelane_msgs.msg import LaneState, WheelVelocities
@@ -40,9 +39,12 @@ from spikelane_sim.nodes.kept_publisher import KeptPublisher
 from spikelane_sim.nodes.local_topics import LocalTopics
 from spikelane_sim.nodes.meeting import Meeting
 from spikelane_sim.nodes.pairing import StampGroups
+from spikelane_sim.nodes.parameter_node import ChangePublisher, ParameterNode
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.waiting import publishers_of
+from spikelane_sim.parameter_changes import changeable_specs
+from spikelane_sim.parameters import Parameters
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
@@ -56,7 +58,7 @@ class _Identity(NamedTuple):
     sequence: int
 
 
-class ControllerNode(Node):
+class ControllerNode(ParameterNode):
     """Hosts one controller of the registry."""
 
     def __init__(self, name: str, local: LocalTopics | None = None) -> None:
@@ -75,7 +77,8 @@ class ControllerNode(Node):
         self._settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
-        self._host = ControllerHost(self._controller, self._settings.seed)
+        self._host = ControllerHost(self._controller, self._settings.seed, self._changeable())
+        self._changes = self._let_change()
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
@@ -191,10 +194,29 @@ class ControllerNode(Node):
     def _make_driver(self, name: str) -> Controller:
         """Declare the controller's parameters and make it."""
         cls = controller_class(name)
-        parameters = declare_parameters(self, cls.parameters_class)
+        self._driver_parameters = parameters = declare_parameters(
+            self, cls.parameters_class, may_change=self._may_change
+        )
         self._image_size = image_size(parameters)
         warm_up(cls(parameters), self._image_size, self._settings.filter)
         return cls(parameters)
+
+    @property
+    def _may_change(self) -> bool:
+        """Whether parameters of the controller may change while it drives."""
+        return True
+
+    def _changeable(self) -> Parameters | None:
+        """Return the controller's parameters where some of them may be changed."""
+        specs = changeable_specs(type(self._driver_parameters))
+        return self._driver_parameters if self._may_change and any(specs) else None
+
+    def _let_change(self) -> ChangePublisher | None:
+        changing = self._host.changing
+        if changing is None:
+            return None
+        self.let_change(changing)
+        return ChangePublisher(self, topic_names.CONTROLLER_CHANGES, changing)
 
     def _make_sensor(self) -> Sensor:
         """Return what makes steps of packets, in the size that the controller is made for."""
@@ -314,7 +336,7 @@ class ControllerNode(Node):
 
     def _other_publishers(self) -> tuple[KeptPublisher, ...]:
         """Return the publishers of what is recorded and does not come with each answer."""
-        return ()
+        return () if self._changes is None else (self._changes.publisher,)
 
     def _start(self) -> None:
         """Say that the node is ready, and begin to answer."""
@@ -416,6 +438,8 @@ class ControllerNode(Node):
     def _publish_answer(self) -> None:
         if self._is_answered and self._meeting.is_open:
             if not self._is_sent:
+                if self._changes is not None:
+                    self._changes.publish()
                 self._shown.send(self._answer.header.stamp, self._lane)
             self._is_sent = True
             self._meeting.window.count_step()

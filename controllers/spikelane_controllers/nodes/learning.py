@@ -32,7 +32,7 @@ from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.kept_publisher import KeptPublisher
-from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters
+from spikelane_sim.nodes.ros_parameters import declare_parameter, declare_parameters, given_value
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.simulator_parameters import EpisodeParameters
 
@@ -93,13 +93,20 @@ class LearningNode(ControllerNode):
             )
 
     def _other_publishers(self) -> tuple[KeptPublisher, ...]:
-        return (self._weights,)
+        return (*super()._other_publishers(), self._weights)
+
+    @property
+    def _may_change(self) -> bool:
+        # A training's checkpoint promises the parameters that it began with.
+        return not self._is_training
 
     def _make_driver(self, name: str) -> Controller:
         self._weights = KeptPublisher(self, Weights, topic_names.WEIGHTS, _WEIGHTS)
         specs = {spec.name: spec for spec in controller_class(name).parameters_class.specs()}
         check_learning_parameters(name, specs)
-        if declare_parameter(self, specs['learning']):
+        given = given_value(self, 'learning')  # a wrong one is refused where it is declared
+        self._is_training = (specs['learning'].default if given is None else given) is True
+        if self._is_training:
             # A training begins without weights, unless configured otherwise.
             declare_parameter(self, replace(specs['checkpoint'], default=''))
         return super()._make_driver(name)
@@ -249,12 +256,15 @@ class LearningNode(ControllerNode):
 
     def _step(self, observation: Observation) -> None:
         super()._step(observation)
-        if self._training is None:
-            return
         observed = self._steps + 1  # this one included
-        if observed % WEIGHTS_EVERY_STEPS == 0 and self._weights.subscribers:
+        if (
+            observed % WEIGHTS_EVERY_STEPS == 0
+            and self._weights.subscribers
+            and cast(LearningController, self._driver).learning
+        ):
             self._publish_weights(self._driver, observation.stamp_ns)
-        if self._training.needs_reset and not self._is_on_robot:
+        training = self._training
+        if training is not None and training.needs_reset and not self._is_on_robot:
             # Its answer is not waited for: the first observation comes by itself.
             self._client.call_async(Reset.Request(lane='', seed=-1))
 

@@ -66,7 +66,7 @@ from spikelane_controllers.spiking.synapse import synapse_rule, SynapseParameter
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import nested, NEXT_STEP, parameter, Parameters
 
 _TABLE = 'table "Simulation parameters specification"'
 
@@ -98,7 +98,7 @@ class InitialWeights(Parameters):
 class RStdpParameters(Parameters):
     """The R-STDP controller."""
 
-    learning: bool = parameter(False, 'Change the weights while driving.')
+    learning: bool = parameter(False, 'Change the weights while driving.', changes=NEXT_STEP)
     checkpoint: str = parameter(
         'scenario_1',
         "Initial weights: the name of shipped ones, the path of a training's folder or of a "
@@ -111,6 +111,7 @@ class RStdpParameters(Parameters):
         low=0.0,
         high=1e6,
         source=_TABLE,
+        changes=NEXT_STEP,
     )
     initial_weights: InitialWeights = nested(InitialWeights)
     encoding: EncodingParameters = nested(EncodingParameters)
@@ -219,6 +220,12 @@ class RStdp:
         self.operations = Operations()
         self.reward = math.nan
         self._recorded: dict[str, Sample] = {}
+
+    def change(self, parameters: RStdpParameters) -> None:
+        """Go on with other values of the parameters that may be changed."""
+        if parameters.learning != self.parameters.learning:  # it may have been set by hand
+            self.learning = parameters.learning
+        self.parameters = parameters
 
     def record(self, names: Collection[str]) -> None:
         """Begin to record quantities, of `shown.quantities`; see `quantities`."""

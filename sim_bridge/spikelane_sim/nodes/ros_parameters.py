@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -15,27 +16,37 @@ ParametersT = TypeVar('ParametersT', bound=Parameters)
 _INTEGER_MAX = 2**63 - 1
 
 
-def declare_parameters(node: Node, parameters: type[ParametersT]) -> ParametersT:
-    """Declare all of a class's parameters on a node, fixed at start, and return their values.
+def declare_parameters(
+    node: Node, parameters: type[ParametersT], *, may_change: bool = False
+) -> ParametersT:
+    """Declare all of a class's parameters on a node and return their values.
 
     A parameter that was given under a former name is declared under both.
+
+    Args:
+        node: The node.
+        parameters: The class.
+        may_change: Whether those parameters that may be changed can be set while the node runs:
+            what `ParameterNode.let_change` is for. All others are fixed.
 
     Raises:
         ParameterError: A value given to the node is not allowed.
     """
     specs = tuple(parameters.specs())
     names = [spec.name for spec in parameters.accepted_specs()]
-    given = {name: value for name in names if (value := _given(node, name)) is not None}
+    given = {name: value for name in names if (value := given_value(node, name)) is not None}
     meant = parameters.current(given)
     meant = {**parameters.chosen_defaults(meant), **meant}
     meant = {name: value for name, value in meant.items() if given.get(name) != value}
+    if not may_change:
+        specs = tuple(dataclasses.replace(spec, changes='') for spec in specs)
     values = {spec.name: declare_parameter(node, spec, meant.get(spec.name)) for spec in specs}
     for name in set(given) - set(values):
         node.declare_parameter(name, given[name], ParameterDescriptor(read_only=True))
     return parameters.from_mapping(values)
 
 
-def _given(node: Node, name: str) -> Any:
+def given_value(node: Node, name: str) -> Any:
     """Return what a node was given for a parameter, None for nothing."""
     if node.has_parameter(name):
         return node.get_parameter(name).value
@@ -56,7 +67,7 @@ def declare_parameter(node: Node, spec: ParameterSpec, value: Any = None) -> Any
         ParameterError: The value given to the node is not allowed.
     """
     if node.has_parameter(spec.name):
-        return spec.check(node.get_parameter(spec.name).value)
+        return _checked(spec, node.get_parameter(spec.name).value)
     default = list(spec.default) if spec.kind is tuple else spec.default
     wanted = default if value is None else value
     try:
@@ -66,17 +77,23 @@ def declare_parameter(node: Node, spec: ParameterSpec, value: Any = None) -> Any
         if not node.context.ok():  # a signal has ended the start: the parameter is not wrong
             raise
         raise ParameterError(f'{spec.name}: expected {spec.allowed}; {error}') from None
-    return spec.check(parameter.value)
+    return _checked(spec, parameter.value)
+
+
+def _checked(spec: ParameterSpec, value: Any) -> Any:
+    # An empty list in a file has no type, and the middleware takes it for no value.
+    return spec.check(() if value is None and spec.kind is tuple else value)
 
 
 def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     """Describe a parameter; dynamic typing lets 100 be given where 100.0 is meant."""
     unit = f' [{spec.unit}]' if spec.unit else ''
     source = f' Source: {spec.source}.' if spec.source else ''
+    changes = f' Can be changed while the node runs: from the {spec.changes} on.'
     descriptor = ParameterDescriptor(
-        description=f'{spec.description}{unit}{source}',
+        description=f'{spec.description}{unit}{source}{changes if spec.changes else ""}',
         additional_constraints=spec.allowed,
-        read_only=True,
+        read_only=not spec.changes,
         dynamic_typing=True,
     )
     if spec.low is None and spec.high is None:

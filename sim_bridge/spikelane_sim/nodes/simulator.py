@@ -6,23 +6,26 @@ from dataclasses import dataclass
 import signal
 import sys
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from spikelane_sim import topic_names
-from spikelane_sim.contract import Observation, STEP_S
+from spikelane_sim.contract import Observation, STEP_NS, STEP_S
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
 from spikelane_sim.nodes.local_topics import LocalTopics
 from spikelane_sim.nodes.meeting import Meeting, MeetingParameters
+from spikelane_sim.nodes.parameter_node import ChangePublisher, ParameterNode
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.services import SimulatorServices
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.topics import SimulatorTopics
 from spikelane_sim.nodes.waiting import publishers_of
-from spikelane_sim.parameters import parameter
+from spikelane_sim.parameter_changes import ChangingParameters
+from spikelane_sim.parameters import NEXT_STEP, parameter
 from spikelane_sim.run_state import Publish
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
@@ -43,7 +46,11 @@ class SimulatorNodeParameters(MeetingParameters):
         choices=('lockstep', 'realtime'),
     )
     real_time_factor: float = parameter(
-        1.0, 'Simulation time per wall time in realtime mode.', low=0.01, high=1000.0
+        1.0,
+        'Simulation time per wall time in realtime mode.',
+        low=0.01,
+        high=1000.0,
+        changes=NEXT_STEP,
     )
     command_timeout_s: float = parameter(
         0.5,
@@ -72,7 +79,7 @@ class SimulatorNodeParameters(MeetingParameters):
     )
 
 
-class SimulatorNode(Node):
+class SimulatorNode(ParameterNode):
     """Publishes observations and takes wheel velocities; all else is in what it is made of."""
 
     def __init__(self, local: LocalTopics | None = None) -> None:
@@ -87,8 +94,15 @@ class SimulatorNode(Node):
         super().__init__('simulator')
         self.exit_status = 0
         self.is_done = False
-        self._settings = settings = declare_parameters(self, SimulatorNodeParameters)
-        self._simulator = Simulator(declare_parameters(self, SimulatorParameters))
+        self._settings = settings = declare_parameters(
+            self, SimulatorNodeParameters, may_change=True
+        )
+        self._simulator = Simulator(declare_parameters(self, SimulatorParameters, may_change=True))
+        own = self._own = ChangingParameters(settings)
+        self.let_change(own, self._simulator.changing)
+        self._changes = ChangePublisher(
+            self, topic_names.SIMULATOR_CHANGES, own, self._simulator.changing
+        )
         is_realtime = settings.mode == 'realtime'
         self._topics = SimulatorTopics(
             self,
@@ -118,7 +132,7 @@ class SimulatorNode(Node):
             settings,
             steps=self._topics.steps,
             heard=2,  # lane state and events
-            others=self._topics.latched,
+            others=(*self._topics.latched, self._changes.publisher),
             window_steps=0 if is_realtime else settings.recorder_window_steps,
             on_open=self._on_open,
         )
@@ -127,19 +141,9 @@ class SimulatorNode(Node):
         if is_realtime:
             self._commands.take_usual(is_stamped=settings.use_stamped_vel)
             period_s = STEP_S / settings.real_time_factor
-            self.create_timer(period_s, self._stepper.tick, clock=steady)
-        self._diagnostics = SimulatorDiagnostics(
-            self,
-            self._simulator,
-            self._stepper,
-            self._topics,
-            self._commands,
-            self._meeting.window,
-        )
-        self.create_timer(1.0, self._diagnostics.look_and_publish, clock=steady)
+            self._ticks = self.create_timer(period_s, self._stepper.tick, clock=steady)
+        self._begin_to_tell(steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
-        self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
-        self._steps_at_warning = 0
         fail = self._fail if settings.wait_for else None
         SolePublishers(self, SOLE_TOPICS, fail).look_regularly()
         if settings.end_after_episodes:
@@ -150,6 +154,20 @@ class SimulatorNode(Node):
         if settings.autostart:
             self._stepper.begin()
         self._commands.start()
+
+    def _begin_to_tell(self, steady: Clock) -> None:
+        """Begin to publish diagnostics, and to warn where nothing goes on."""
+        self._diagnostics = SimulatorDiagnostics(
+            self,
+            self._simulator,
+            self._stepper,
+            self._topics,
+            self._commands,
+            self._meeting.window,
+        )
+        self.create_timer(1.0, self._diagnostics.look_and_publish, clock=steady)
+        self.create_timer(WAITING_WARNING_PERIOD_S, self._warn_if_waiting, clock=steady)
+        self._steps_at_warning = 0
 
     def halt(self, number: int) -> None:
         """Take no further step, and say where that cuts a drive short; see `run_node`.
@@ -170,6 +188,16 @@ class SimulatorNode(Node):
         self._meeting.end(is_cut_short=self.exit_status != 0)
         self._diagnostics.publish()
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """As in ParameterNode; another pace is taken up at once."""
+        result = super().set_parameters_atomically(parameter_list)
+        if self._own.take_effect(self._simulator.time_ns + STEP_NS, begins_episode=False):
+            self._settings = self._own.parameters
+            if self._settings.mode == 'realtime':
+                self._ticks.timer_period_ns = round(STEP_NS / self._settings.real_time_factor)
+                self._ticks.reset()  # the step that was due might be seconds away
+        return result
+
     def destroy_node(self) -> None:
         """Stop stepping and release everything."""
         self._commands.stop()
@@ -180,6 +208,7 @@ class SimulatorNode(Node):
         self._stepper.audience_changed(has_grown=False)
 
     def _publish(self, observation: Observation, is_new: bool) -> None:
+        self._changes.publish()
         self._topics.publish(observation, is_new)
         self._meeting.window.count_step()
         self._diagnostics.notice()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.events import EVENT_DTYPE, Events, make_events, no_events
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import NEXT_STEP, parameter, Parameters
 from spikelane_sim.pixels.images import (
     check_images,
     check_times,
@@ -59,6 +59,7 @@ class CoppeliaParameters(Parameters):
         unit='Hz',
         low=0.0,
         high=1e3,
+        changes=NEXT_STEP,
     )
 
 

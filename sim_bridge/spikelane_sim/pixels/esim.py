@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import Events, no_events
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import NEXT_EPISODE, NEXT_STEP, parameter, Parameters
 from spikelane_sim.pixels.crossings import (
     Constants,
     cross_image,
@@ -74,6 +74,7 @@ class EsimParameters(Parameters):
         low=0.0,
         high=1.0,
         source=_V2E,
+        changes=NEXT_EPISODE,  # each episode draws the thresholds
     )
     dark_intensity: float = parameter(
         0.001,
@@ -89,7 +90,13 @@ class EsimParameters(Parameters):
         0.0, 'Time after an event in which its pixel stays silent.', unit='s', low=0.0, high=1.0
     )
     leak_rate_hz: float = parameter(
-        0.1, 'Rate of ON events that each pixel leaks.', unit='Hz', low=0.0, high=1e3, source=_V2E
+        0.1,
+        'Rate of ON events that each pixel leaks.',
+        unit='Hz',
+        low=0.0,
+        high=1e3,
+        source=_V2E,
+        changes=NEXT_STEP,
     )
     shot_rate_hz: float = parameter(
         0.0,
@@ -98,6 +105,7 @@ class EsimParameters(Parameters):
         low=0.0,
         high=1e3,
         source=_V2E,
+        changes=NEXT_STEP,
     )
     shot_bright_factor: float = parameter(
         0.25,
@@ -105,9 +113,14 @@ class EsimParameters(Parameters):
         low=0.0,
         high=1.0,
         source=_V2E,
+        changes=NEXT_STEP,
     )
     hot_share: float = parameter(
-        0.0, 'Share of the pixels that are hot: they fire whatever they see.', low=0.0, high=1.0
+        0.0,
+        'Share of the pixels that are hot: they fire whatever they see.',
+        low=0.0,
+        high=1.0,
+        changes=NEXT_STEP,
     )
     hot_rate_hz: float = parameter(
         100.0,
@@ -115,6 +128,7 @@ class EsimParameters(Parameters):
         unit='Hz',
         low=0.0,
         high=1e4,
+        changes=NEXT_STEP,
     )
     hot_seed: int = parameter(
         0,
@@ -165,9 +179,7 @@ class EsimPixels:
     def adopt(self, parameters: PixelParameters) -> None:
         """Take over other rates and thresholds; see `PixelModel`."""
         self.parameters = parameters.esim
-        self.constants = self.constants._replace(
-            leak_rate_hz=self.parameters.leak_rate_hz, shot_rate_hz=self.parameters.shot_rate_hz
-        )
+        self.constants = esim_constants(self.parameters, self.width, self.height)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget everything and draw every pixel's thresholds; see `PixelModel`."""

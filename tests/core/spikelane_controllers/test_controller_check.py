@@ -27,7 +27,7 @@ from spikelane_controllers.saved_state import number, SavedState
 from spikelane_controllers.shown import Shown
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.parameters import NEXT_STEP, parameter, Parameters
 
 Install = Callable[..., None]
 
@@ -407,6 +407,51 @@ def test_a_violation_is_named(cls: Any) -> None:
     found = check_controller('mine', cls)
     assert any((BROKEN | BROKEN_LEARNERS)[cls] in each for each in found), found
     assert all(each.startswith('mine: ') and '\n' not in each for each in found)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PacedParameters(Parameters):
+    """A parameter that may be changed."""
+
+    speed_rad_s: float = parameter(1.0, 'Speed.', low=0.0, high=10.0, changes=NEXT_STEP)
+
+
+class Paced(Plain):
+    """Drives at a speed, and takes another one."""
+
+    parameters_class: ClassVar[Any] = PacedParameters
+
+    def change(self, parameters: Any) -> None:
+        self.parameters = parameters
+
+    def step(self, observation: Observation) -> Any:
+        return WheelVelocities(self.parameters.speed_rad_s, super().step(observation).right)
+
+
+class Deaf(Paced):
+    """Goes on as before."""
+
+    def change(self, parameters: Any) -> None:
+        del parameters
+
+
+class Unchangeable(Plain):
+    """Has no method for it."""
+
+    parameters_class: ClassVar[Any] = PacedParameters
+
+
+def test_what_may_be_changed_can_be() -> None:
+    """With the answers of a start with the new value."""
+    assert check_controller('mine', Paced) == []
+    assert check_controller('mine', Deaf) == [
+        'mine: parameters that may be changed: speed_rad_s: expected the same answers after a '
+        'change as from the start, got different ones'
+    ]
+    assert check_controller('mine', Unchangeable) == [
+        'mine: parameters that may be changed: speed_rad_s: expected a method '
+        'change(parameters) of the controller, since the parameter may be changed, got none'
+    ]
 
 
 def test_all_violations_are_reported() -> None:

@@ -3,13 +3,15 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from spikelane_controllers.braitenberg.controller import BraitenbergParameters
 from spikelane_controllers.controller_host import ControllerHost, image_size
 from spikelane_sim.contract import controller_rng, LaneState, Observation, WheelVelocities
 from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import no_events
-from spikelane_sim.parameters import nested, Parameters
+from spikelane_sim.parameters import nested, NEXT_EPISODE, NEXT_STEP, parameter, Parameters
 
 
 class Drawing:
@@ -61,6 +63,45 @@ def test_without_lane_states_there_is_one_episode() -> None:
     """Number 0; or the one that was there, where they are missing in between."""
     assert drawn((0, 0), (0, 0), (0, 0)) == numbers(0, 3)
     assert drawn((1, 0), (0, 0), (1, 2)) == numbers(1, 3)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Slow(Parameters):
+    """Parameters that may be changed."""
+
+    left: float = parameter(0.0, 'Velocity.', changes=NEXT_STEP)
+    right: float = parameter(0.0, 'Velocity.', changes=NEXT_EPISODE)
+
+
+class Changing(Drawing):
+    """A controller that answers with its parameters."""
+
+    def __init__(self) -> None:
+        self.change(Slow())
+
+    def change(self, parameters: Slow) -> None:
+        """Take others."""
+        self.parameters = parameters
+
+    def step(self, observation: Observation) -> WheelVelocities:
+        """Say them."""
+        return WheelVelocities(self.parameters.left, self.parameters.right)
+
+
+def test_parameters_change_between_two_steps() -> None:
+    """One with the next step, the other with the next episode."""
+    host = ControllerHost(Changing(), 3, Slow())
+    assert host.changing is not None
+    answers = [host.step(observation(1, 0))]
+    host.changing.change({'left': 1.0, 'right': 2.0})
+    answers += [host.step(observation(*place)) for place in ((1, 1), (1, 2), (2, 0))]
+    assert answers == [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 2.0)]
+
+
+def test_a_controller_that_takes_no_changes_is_refused_where_it_declares_some() -> None:
+    """At the start, and not when somebody sets a parameter."""
+    with pytest.raises(ParameterError, match=r'^left: expected a method change\(parameters\) of'):
+        ControllerHost(Drawing(), 3, Slow())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,7 @@ def test_a_controller_has_those_of_its_training_and_transfer(
         'unit': '1/(ms m)',
         'description': 'Dopamine for each metre of distance from the lane centre.',
         'source': 'table "Simulation parameters specification"',
+        'changes': 'next step',
     }
     assert found['training.steps']['default'] == 30000
     assert run(['parameters', 'dqn_snn', '--json']) == 0
@@ -35,10 +36,12 @@ def test_the_page_is_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(['parameters', 'simulator']) == 0
     title, _, header, rule, *rows = capsys.readouterr().out.splitlines()
     assert title == '# Parameters: simulator'
-    assert header == '| parameter | default | allowed | meaning | source |'
-    assert {row.replace(r'\|', '').count('|') for row in (header, rule, *rows)} == {6}
+    assert header == '| parameter | default | allowed | meaning | source | changes from |'
+    assert {row.replace(r'\|', '').count('|') for row in (header, rule, *rows)} == {7}
     [fov] = [row for row in rows if row.startswith('| `simulator.camera.fov_deg` |')]
     assert '| `100.0` | a number from 1 to 170 deg |' in fov
+    [spread] = [row for row in rows if '`simulator.pixels.esim.threshold_spread`' in row]
+    assert spread.endswith('| next episode |')
 
 
 def test_an_unknown_name_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

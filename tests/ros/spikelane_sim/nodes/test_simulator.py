@@ -13,8 +13,15 @@ from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import Parameter as ClientParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -424,8 +431,8 @@ def test_the_episode_ends_where_the_lane_is_left(driver: Driver) -> None:
     driver.wait_for_status(terminated='False', commands_ignored=ignored)
 
 
-def test_every_parameter_is_described_and_fixed(driver: Driver) -> None:
-    """Meaning, unit, what is allowed, the range; setting one while it runs is refused."""
+def test_every_parameter_is_described(driver: Driver) -> None:
+    """Meaning, unit, what is allowed, the range, and whether it is fixed."""
     specs = {
         spec.name: spec
         for parameters in (SimulatorNodeParameters, SimulatorParameters)
@@ -440,17 +447,107 @@ def test_every_parameter_is_described_and_fixed(driver: Driver) -> None:
     for each in described:
         assert specs[each.name].description in each.description
         assert each.additional_constraints == specs[each.name].allowed
-        assert each.read_only
     by_name = {each.name: each for each in described}
+    changeable = {each.name for each in described if not each.read_only}
+    assert changeable == {
+        'real_time_factor',
+        'link.event_loss',
+        'link.latency_ms',
+        'pixels.coppelia.noise_rate_hz',
+        'pixels.esim.hot_rate_hz',
+        'pixels.esim.hot_share',
+        'pixels.esim.leak_rate_hz',
+        'pixels.esim.shot_bright_factor',
+        'pixels.esim.shot_rate_hz',
+        'pixels.esim.threshold_spread',
+    }
+    assert by_name['link.latency_ms'].description == (
+        'Latency added between an observation and its command; a multiple of 50 ms. [ms] '
+        'Can be changed while the node runs: from the next step on.'
+    )
     factor = by_name['real_time_factor'].floating_point_range[0]
     assert (factor.from_value, factor.to_value) == (0.01, 1000.0)
     width = by_name['camera.width'].integer_range[0]
     assert (width.from_value, width.to_value) == (1, 2048)
     assert '[m]' in by_name['episode.max_distance_m'].description
-    value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=9)
-    request = [Parameter(name='seed', value=value)]
-    answer = driver.graph.call(SetParameters, 'simulator/set_parameters', parameters=request)
-    assert [each.successful for each in answer.results] == [False]
+
+
+def set_parameters(driver: Driver, **values: Any) -> list[tuple[bool, str]]:
+    """Set parameters one by one; return whether that was done, and the reasons."""
+    request = [
+        ClientParameter(name, value=each).to_parameter_msg() for name, each in values.items()
+    ]
+    answer = driver.graph.call(
+        SetParameters, driver.name('simulator/set_parameters'), parameters=request
+    )
+    return [(each.successful, each.reason) for each in answer.results]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('seed', 9, 'seed: fixed since the start; only real_time_factor, '),
+        ('camera.width', 64, 'camera.width: fixed since the start; only real_time_factor, '),
+        ('no_such', 1, 'no_such: expected a parameter of /simulator'),
+        ('link.event_loss', 2.0, 'link.event_loss: expected a number from 0 to 1, got 2.0'),
+        ('link.event_loss', 'x', "link.event_loss: expected a number from 0 to 1, got 'x'"),
+        ('link.latency_ms', 30, 'latency_ms: expected a multiple of 50 ms, got 30'),
+        ('link.latency_ms', None, 'link.latency_ms: expected a whole number from 0 to 60000 ms, '),
+    ],
+)
+def test_a_parameter_that_cannot_be_set_says_why(
+    driver: Driver, name: str, value: Any, reason: str
+) -> None:
+    """As at the start; nothing else is set with it, and the node goes on."""
+    ((is_set, said),) = set_parameters(driver, **{name: value})
+    assert not is_set
+    assert said.startswith(reason), said
+    both = {'link.event_loss': 0.5, name: value}
+    request = [ClientParameter(key, value=each).to_parameter_msg() for key, each in both.items()]
+    answer = driver.graph.call(
+        SetParametersAtomically, 'simulator/set_parameters_atomically', parameters=request
+    )
+    assert not answer.result.successful
+    assert answer.result.reason.startswith(reason), answer.result.reason
+    got = driver.graph.call(GetParameters, 'simulator/get_parameters', names=['link.event_loss'])
+    assert got.values[0].double_value == 0.0
+
+
+def test_noise_and_loss_change_between_two_steps(driver: Driver) -> None:
+    """The events are those of a simulator that changes there; the change is published."""
+    published: list[ParameterEvent] = []
+    topic = '/simulator/parameter_changes'
+    subscription = driver.graph.node.create_subscription(
+        ParameterEvent, topic, published.append, 10
+    )
+    driver.graph.until(lambda: driver.graph.node.count_publishers(topic))
+    packets = [driver.begin('outer', seed=4)]
+    for _ in range(4):
+        packets.append(driver.answer(packets[-1], 3.0, 3.0))
+    values = {'pixels.coppelia.noise_rate_hz': 5, 'link.event_loss': 0.25}
+    assert set_parameters(driver, **values) == [
+        (True, 'pixels.coppelia.noise_rate_hz from the next step on'),
+        (True, 'link.event_loss from the next step on'),
+    ]
+    for _ in range(4):
+        packets.append(driver.answer(packets[-1], 3.0, 3.0))
+    parameters = {'course': 'scenario_3', 'robot.model': 'kinematic'}
+    with Simulator(SimulatorParameters.from_mapping(parameters)) as simulator:
+        expected = [simulator.reset('outer', 4)]
+        for step in range(8):
+            simulator.change(values if step == 4 else {})
+            expected.append(simulator.step(Wheels(3.0, 3.0)))
+    assert_equal_events(packets, expected)
+    driver.graph.until(lambda: published)
+    (change,) = published
+    assert change.node == '/simulator'
+    assert to_stamp_ns(change.stamp) == stamp_of(packets[5])
+    assert [(each.name, each.value.double_value) for each in change.changed_parameters] == [
+        ('pixels.coppelia.noise_rate_hz', 5.0),
+        ('link.event_loss', 0.25),
+    ]
+    driver.graph.node.destroy_subscription(subscription)
+    assert all(done for done, _ in set_parameters(driver, **dict.fromkeys(values, 0.0)))
 
 
 @pytest.fixture(scope='module')
@@ -532,6 +629,21 @@ def test_real_time_runs_at_its_factor(realtime: Driver) -> None:
     took_s = time.monotonic() - start_s
     simulated_s = (stamp_of(packets[-1]) - stamp_of(packets[start])) / 1e9
     assert 0.4 < simulated_s / took_s < 2.3
+
+
+def test_the_pace_changes_at_once(graph) -> None:
+    """At first a step takes 5 s; faster, 60 steps follow each other well before the second."""
+    parameters = {'mode': 'realtime', 'robot.model': 'kinematic', 'real_time_factor': 0.01}
+    driver = Driver(graph, graph.start('simulator', parameters, '-r', '__ns:=/pace'), '/pace')
+    graph.until(lambda: driver.packets)
+    before = len(driver.packets)
+    assert before <= 4
+    ((is_set, reason),) = set_parameters(driver, real_time_factor=20.0)
+    assert (is_set, reason) == (True, 'real_time_factor from the next step on')
+    start_s = time.monotonic()
+    graph.until(lambda: len(driver.packets) >= before + 60)
+    assert time.monotonic() - start_s < 60 * 5 / 10
+    driver.process.stop()
 
 
 def velocities_after(driver: Driver, publisher: Any, message: Any) -> list[tuple[float, float]]:

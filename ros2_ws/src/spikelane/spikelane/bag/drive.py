@@ -14,6 +14,7 @@ import itertools
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from spikelane.bag.changes import PARAMETER_EVENT, read_changes, RecordedChanges
 from spikelane.bag.foreign import legacy_hint
 from spikelane.bag.source import BagSource, Faults, SourceMessage
 from spikelane_sim import topic_names
@@ -104,6 +105,7 @@ class RecordedDrive:
         has_wheels: Whether there are wheel velocities.
         has_encoders: Whether there are joint states of the wheels.
         count: Event packets.
+        changes: What was changed of the nodes' parameters.
         notes: What is missing, damaged or out of order, a sentence each.
     """
 
@@ -158,6 +160,9 @@ class RecordedDrive:
         self.has_lane, self.has_wheels = bool(self._lanes), bool(self._wheels)
         self.has_encoders = bool(self._encoders)
         self._note_what_is_missing(prefix)
+        self.changes = RecordedChanges((), ())
+        if PARAMETER_EVENT in self.source.topics.values():
+            self._read_changes(prefix)
         found = marks[self.events_topic]
         self._refuse_several_publishers(found)
         self._order = _in_order(found)
@@ -305,6 +310,13 @@ class RecordedDrive:
             alone = sum(stamp_ns not in seen for stamp_ns in self._lanes)
             if alone:
                 self.notes.append(f'{alone} lane states lack their event packet')
+
+    def _read_changes(self, prefix: str) -> None:
+        try:
+            self.changes = read_changes(self.source, prefix)
+        except BagError as error:
+            self.notes.append(f'changes of parameters are unknown: {error}')
+        self.notes += self.changes.notes()
 
     def _with_nearest(
         self, position: int, message: SourceMessage, packet: ReceivedPacket

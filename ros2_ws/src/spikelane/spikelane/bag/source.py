@@ -49,6 +49,12 @@ DEFINITIONS = {
     'spikelane_msgs/msg/WheelVelocities': (
         'std_msgs/Header header\nfloat64 left\nfloat64 right\n'
     ),
+    'rcl_interfaces/msg/ParameterEvent': (
+        'builtin_interfaces/Time stamp\nstring node\n'
+        'rcl_interfaces/Parameter[] new_parameters\n'
+        'rcl_interfaces/Parameter[] changed_parameters\n'
+        'rcl_interfaces/Parameter[] deleted_parameters\n'
+    ),
 }
 
 _TEXT_LIMIT = 1 << 20  # letters of a definition, or of all QoS profiles

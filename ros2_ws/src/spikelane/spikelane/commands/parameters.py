@@ -21,7 +21,7 @@ from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import Parameters, ParameterSpec
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
-_HEADER = ('parameter', 'default', 'allowed', 'meaning', 'source')
+_HEADER = ('parameter', 'default', 'allowed', 'meaning', 'source', 'changes from')
 _NOTHING = '–'  # noqa: RUF001  # a dash stands where there is nothing
 
 #: Groups that belong to no controller.
@@ -34,6 +34,11 @@ _COMMON: Mapping[str, type[Parameters]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
+    parser.description = (
+        'Print all parameters of a group or a controller. The last column says from when on a '
+        'change holds that is made while the node runs (ros2 param set); where it is empty, the '
+        'parameter is fixed.'
+    )
     parser.add_argument(
         'name',
         choices=(*_COMMON, *controller_names()),
@@ -87,6 +92,7 @@ def _facts(spec: ParameterSpec) -> dict[str, Any]:
         'unit': spec.unit,
         'description': spec.description,
         'source': spec.source,
+        'changes': spec.changes,
     }
 
 
@@ -97,4 +103,5 @@ def _plain(value: Any) -> Any:
 def _cells(name: str, spec: ParameterSpec) -> tuple[str, ...]:
     default = json.dumps(_plain(spec.default), ensure_ascii=False)
     source = spec.source or _NOTHING
-    return f'`{name}`', f'`{default}`', spec.allowed, spec.description, source
+    changes = spec.changes or _NOTHING
+    return f'`{name}`', f'`{default}`', spec.allowed, spec.description, source, changes

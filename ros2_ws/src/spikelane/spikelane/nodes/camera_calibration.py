@@ -10,7 +10,6 @@ from pathlib import Path
 import sys
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
@@ -23,6 +22,7 @@ from spikelane_sim.calibration import (
     write_calibration,
 )
 from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.nodes.parameter_node import ParameterNode
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
@@ -57,7 +57,7 @@ class CameraCalibrationParameters(Parameters):
     )
 
 
-class CameraCalibration(Node):
+class CameraCalibration(ParameterNode):
     """Waits for a camera_info and the transforms, and writes the calibration."""
 
     def __init__(self) -> None:

@@ -26,7 +26,6 @@ import time
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from spikelane.bag.recording import Recording
@@ -41,6 +40,7 @@ from spikelane_sim.errors import BagError, SpikelaneError
 from spikelane_sim.nodes.direct import EVENTS_PERIOD_S
 from spikelane_sim.nodes.given_parameters import warn_of_unused_parameters
 from spikelane_sim.nodes.network import network_variables
+from spikelane_sim.nodes.parameter_node import ParameterNode
 from spikelane_sim.nodes.rclpy_internals import NotForExecutors
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.sole_publishers import is_sole, SOLE_TOPICS, SolePublishers
@@ -71,7 +71,7 @@ class Stop:
         self.number = self.number or number
 
 
-class Recorder(Node):
+class Recorder(ParameterNode):
     """Subscribes raw to the wanted topics as they appear and writes what they carry."""
 
     def __init__(self) -> None:

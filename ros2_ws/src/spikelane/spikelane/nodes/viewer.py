@@ -19,7 +19,6 @@ from event_camera_msgs.msg import EventPacket
 import numpy as np
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from spikelane_msgs.msg import ControllerState, LaneState, Weights
@@ -32,6 +31,7 @@ from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.messages import lane_state_from_message, to_stamp_ns
 from spikelane_sim.nodes import conversions
 from spikelane_sim.nodes.direct import SubscriptionEvents
+from spikelane_sim.nodes.parameter_node import ParameterNode
 from spikelane_sim.nodes.rclpy_internals import NotForExecutors, take
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
@@ -85,7 +85,7 @@ class ViewerParameters(Parameters):
     )
 
 
-class Viewer(Node):
+class Viewer(ParameterNode):
     """Takes the latest messages so many times a second and shows them."""
 
     def __init__(self) -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import sys
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from spikelane_msgs.msg import WheelVelocities as WheelVelocitiesMessage
 
@@ -18,6 +17,7 @@ from spikelane_sim import topic_names
 from spikelane_sim.drive_limiter import BaseParameters
 from spikelane_sim.messages import wheels_from_message
 from spikelane_sim.nodes.base_drive import BaseDrive
+from spikelane_sim.nodes.parameter_node import ParameterNode
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.sole_publishers import SolePublishers
@@ -35,7 +35,7 @@ class WheelsToTwistParameters(BaseParameters):
     use_stamped_vel: bool = parameter(False, 'Publish cmd_vel as TwistStamped instead of Twist.')
 
 
-class WheelsToTwist(Node):
+class WheelsToTwist(ParameterNode):
     """Publishes a twist for each wheel velocities that come, and stops the robot where none do."""
 
     def __init__(self) -> None:

@@ -18,10 +18,13 @@ from spikelane.runs.configuration import Request
 from spikelane.runs.replay.config import ReplayConfig
 from spikelane.runs.replay.metrics import compare, drive_metrics, summarise
 from spikelane.runs.replay.run import replay
+from spikelane_controllers.controller_host import ControllerHost
 from spikelane_controllers.learning.training import Training, TrainingParameters
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.errors import BagError, ParameterError
 from spikelane_sim.events import make_events
+from spikelane_sim.simulator import Simulator
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 DATA = Path(__file__).parents[4] / 'data'
 CAMERAS = Path(__file__).parents[6] / 'shared' / 'data' / 'real_cameras'
@@ -126,6 +129,91 @@ def test_a_training_gives_the_same_answers(drives, bag_of: BagOf, tmp_path: Path
     assert replayed(bag, 'rstdp', 3, parameters=parameters)['agreement'] == 1.0
     parameters['rstdp.learning'] = False
     assert replayed(bag, 'rstdp', 3, parameters=parameters)['agreement'] < 1.0
+
+
+@pytest.fixture(scope='module')
+def taught(drives) -> list[Any]:
+    """Give what was said in a drive that began to learn in its 11th step, faster in its 21st."""
+    controller = make_controller('rstdp', {'c_r': 90.0})
+    host = ControllerHost(controller, SEED, controller.parameters)
+    changes = {550_000_000: {'learning': True}, 1_050_000_000: {'c_r': 900.0}}
+    seen, said = [], []
+    with Simulator(SimulatorParameters.from_mapping({'robot.model': 'kinematic'})) as simulator:
+        observation = simulator.reset(seed=SEED)
+        for _ in range(60):
+            if values := changes.get(observation.stamp_ns):
+                host.changing.change(values)
+            wheels = host.step(observation)
+            seen.append(drives.seen(observation, wheels))
+            observation = simulator.step(wheels)
+    for each in drives.say(seen):
+        stamp = each.fields.header.stamp
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec
+        if each.topic == '/wheel_velocities' and (values := changes.get(stamp_ns)):
+            change = drives.change(stamp_ns, '/rstdp', **values)
+            said.append(drives.said('/controller/parameter_changes', each.log_ns - 1, change))
+        said.append(each)
+    return said
+
+
+FACTS = {'controller': 'rstdp', 'seed': str(SEED), 'parameters': '{"c_r": 90.0}'}
+
+
+def test_changes_of_parameters_are_made_again(
+    taught: list[Any], bag_of: BagOf, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where they took effect: every answer is the same; without them it is not."""
+    bag = bag_of(taught, facts=FACTS)
+    assert run(['replay', str(bag), '--json', '--out', str(tmp_path / 'again')]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['agreement'], result['answers']) == (1.0, 60)
+    assert result['notes'] == [
+        'parameters of /rstdp were changed in the drive: learning = True from 0.55 s on; '
+        'c_r = 900.0 from 1.05 s on',
+        'the changes are made again where they took effect',
+    ]
+    given = ['--param', 'rstdp.learning=false', '--out', str(tmp_path / 'given')]
+    assert run(['replay', str(bag), '--json', *given]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['agreement'] < 1.0
+    assert 10 <= result['first_difference'] < 60
+    assert result['notes'][1] == (
+        'the changes are made again where they took effect, except those of rstdp.learning, '
+        'which are given'
+    )
+    assert run(['replay', str(bag), '--json', '--controller', 'braitenberg', '--out',
+                str(tmp_path / 'other')]) == 0  # fmt: skip
+    result = json.loads(capsys.readouterr().out)
+    assert result['notes'][1] == 'the changes are not made again: rstdp drove'
+
+
+def test_a_change_whose_observation_is_missing_is_made_with_the_next(
+    taught: list[Any], bag_of: BagOf
+) -> None:
+    """It would otherwise never be made."""
+    packets = [each for each in taught if each.topic == '/event_camera/events']
+    lost = [each for each in taught if each is not packets[10]]
+    drive = RecordedDrive(bag_of(lost))
+    (first, second) = drive.changes.controller
+    assert first.change.values == {'learning': True}
+    asked = Request('1', 'rstdp', SEED, parameters={'rstdp.c_r': 90.0})
+    answers = {}
+    for changes in ((first, second), ()):
+        config = ReplayConfig.make(asked, drive.source.path)
+        answers[len(changes)] = replay(config, drive, changes=changes).answers
+    assert len(answers[2]) == 59
+    assert answers[2] != answers[0]
+
+
+def test_parameters_that_others_set_are_no_changes_of_a_drive(
+    taught: list[Any], bag_of: BagOf, drives
+) -> None:
+    """The usual topic has the parameters of every node, with other stamps."""
+    own = [each for each in taught if not each.topic.endswith('parameter_changes')]
+    event = drives.change(10**18, '/rstdp', learning=True)
+    drive = RecordedDrive(bag_of([drives.said('/parameter_events', own[0].log_ns, event), *own]))
+    assert not any(drive.changes)
+    assert drive.notes == []
 
 
 def test_simulation_time_may_begin_again(drives, bag_of: BagOf) -> None:

@@ -129,6 +129,11 @@ def _summary(config: EvaluateConfig, result: dict[str, Any]) -> str:
         )
     every = result['summary']['all']
     lines.append(f'{"intervals":10} over {UNITS[every["unit"]]}: {units_in_words(every)}')
+    lines += [
+        f'{"note":10} {lap["course"]}, {lap["lane"]} lane, seed {lap["seed"]}: {note}'
+        for lap in result['laps']
+        for note in lap.get('notes', ())
+    ]
     return '\n'.join([*lines, f'{"folder":10} {result["folder"]}'])
 
 

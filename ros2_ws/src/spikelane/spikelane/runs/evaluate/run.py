@@ -253,5 +253,7 @@ def _write_row(each: LapOfEvaluation, folder: RunFolder, driven: DrivenLap) -> d
         'progress_m': float(trajectory.progress_m[-1] - trajectory.progress_m[0]),
         'operations': None if driven.operations is None else driven.operations._asdict(),
     }
+    if driven.notes:
+        row['notes'] = list(driven.notes)
     write_json(folder.metrics, row)
     return row

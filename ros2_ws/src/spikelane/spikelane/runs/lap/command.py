@@ -63,4 +63,5 @@ def _summary(result: dict[str, Any]) -> str:
         'figure': result['figure'],
         **({'recording': result['recording']} if 'recording' in result else {}),
     }
-    return in_lines(lines)
+    notes = [in_lines({'note': note}) for note in result.get('notes', ())]
+    return '\n'.join([in_lines(lines), *notes])

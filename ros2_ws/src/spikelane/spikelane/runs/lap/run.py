@@ -40,6 +40,7 @@ class DrivenLap(NamedTuple):
     wall_time_s: float  # from the first observation to the last
     bag: Path | None
     operations: Operations | None = None  # where they could be counted: in this process
+    notes: tuple[str, ...] = ()  # what the configuration does not tell, a sentence each
 
 
 def drive(
@@ -164,6 +165,8 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
         'bag': None if driven.bag is None else str(driven.bag),
         'figure': str(figure),
     }
+    if driven.notes:
+        result['notes'] = list(driven.notes)
     if folder.recording.exists():
         # Whoever records nothing need not wait for HDF5.
         from spikelane.recording.figure import draw_recording

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import functools
 from pathlib import Path
@@ -84,6 +85,24 @@ def read_messages(bag: Path, topics: Sequence[str]) -> Iterator[Recorded]:
     except BagError:
         raise
     except Exception as error:
+        raise BagError(f'{bag}: cannot be read: {error}') from error
+
+
+def message_counts(bag: Path) -> dict[str, int]:
+    """Return how many messages of each topic a recording has.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    from rosbags.highlevel import AnyReader
+
+    try:
+        with AnyReader([Path(bag)]) as reader:
+            counts = Counter[str]()
+            for each in reader.connections:
+                counts[each.topic] += each.msgcount
+            return dict(counts)
+    except Exception as error:  # as in `read_messages`
         raise BagError(f'{bag}: cannot be read: {error}') from error
 
 

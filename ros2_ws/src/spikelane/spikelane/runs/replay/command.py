@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 import json
 from pathlib import Path
 import sys
 from typing import Any
 
+from spikelane.bag.changes import RecordedChange
 from spikelane.bag.drive import RecordedDrive
 from spikelane.runs.arguments import (
     add_parameter_arguments,
@@ -120,13 +122,44 @@ def run(options: argparse.Namespace) -> int:
         events_topic=options.events,
         use_lane_state=not options.no_lane_state,
     )
+    changes = _changes_again(config, drive, parse_parameters(options.param))
     with run_folder(options, config) as (folder, show):
-        replayed = replay(config, drive, show)
+        replayed = replay(config, drive, show, changes)
         result = report_replay(config, drive, replayed, folder)
     print(json.dumps(result) if options.json else _summary(result))
     if failure := unmeasured(replayed.answers, replayed.sensor):
         print(f'spikelane replay: {options.bag}: {failure}', file=sys.stderr)
     return 1 if failure else 0
+
+
+def _changes_again(
+    config: ReplayConfig, drive: RecordedDrive, given: Mapping[str, Any]
+) -> list[RecordedChange]:
+    """Return the changes of what drove that are made again; the notes say which and which not.
+
+    A parameter that is given keeps the given value.
+    """
+    recorded = drive.changes.controller
+    if not recorded:
+        return []
+    if config.controller != drive.controller:
+        drive.notes.append(f'the changes are not made again: {drive.controller} drove')
+        return []
+    fixed = {name for name in flatten(given) if name.startswith(f'{config.controller}.')}
+    made = []
+    for each in recorded:
+        values = {
+            name: value
+            for name, value in each.change.values.items()
+            if f'{config.controller}.{name}' not in fixed
+        }
+        if values:
+            made.append(each._replace(change=each.change._replace(values=values)))
+    drive.notes.append(
+        'the changes are made again where they took effect'
+        + (f', except those of {", ".join(sorted(fixed))}, which are given' if fixed else '')
+    )
+    return made
 
 
 def _seed(said: dict[str, str]) -> int:

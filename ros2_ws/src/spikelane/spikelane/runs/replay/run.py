@@ -7,12 +7,14 @@ and parameters every answer is the same, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 import itertools
 from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
+from spikelane.bag.changes import RecordedChange
 from spikelane.bag.drive import DrivePacket, RecordedDrive
 from spikelane.interruption import check
 from spikelane.runs.configuration import (
@@ -47,6 +49,7 @@ def replay(
     config: ReplayConfig,
     drive: RecordedDrive,
     show: Callable[[int, float], None] = lambda step, progress_m: None,
+    changes: Sequence[RecordedChange] = (),
 ) -> Replayed:
     """Let a controller answer a recorded drive.
 
@@ -57,6 +60,7 @@ def replay(
         config: Controller and seed.
         drive: The recording.
         show: Called after each observation with their number and the way along the lane [m].
+        changes: Of the controller's parameters; each is made again where it took effect.
 
     Raises:
         SpikelaneError: The controller cannot be made, or the sensor's parameters do not go with
@@ -67,6 +71,7 @@ def replay(
     has_lane = drive.has_lane and config.use_lane_state
     has_encoders = uses_encoders(config)
     answers: list[Answer] = []
+    changing = ChangesAgain(host, changes)
     total_s = slowest_s = 0.0
     for recorded in drive.packets():
         if has_encoders and recorded.encoders is None:
@@ -76,6 +81,7 @@ def replay(
         new = []
         lane = recorded.lane if has_lane else None
         for step in sensor.add(recorded.packet, lane):
+            changing.make(step.stamp_ns, recorded.log_ns)
             wheels = host.step(Observation(step.stamp_ns, step.events, lane, encoders))
             new.append((step, wheels))
         seconds = time.perf_counter() - start_s
@@ -93,6 +99,40 @@ def replay(
             show(len(answers), recorded.lane.progress_m if recorded.lane else 0.0)
         check()
     return Replayed(answers, sensor, total_s, slowest_s)
+
+
+class ChangesAgain:
+    """Makes the changes of a recorded drive again, each before the observation it began with."""
+
+    def __init__(self, host: ControllerHost, changes: Sequence[RecordedChange]) -> None:
+        """Begin before the first change.
+
+        Args:
+            host: Of the controller.
+            changes: In the order of recording.
+        """
+        self._host = host
+        self._left = deque(changes)
+
+    def make(self, stamp_ns: int, log_ns: int) -> None:
+        """Make the changes that are due.
+
+        Where the observation that a change began with is missing, it is due with the next one.
+
+        Args:
+            stamp_ns: Stamp of the next observation.
+            log_ns: When its packet was recorded.
+
+        Raises:
+            ParameterError: A change is not allowed: the bag is of another version.
+        """
+        while self._left:
+            begin_ns = self._left[0].change.stamp_ns
+            is_late = stamp_ns > begin_ns and log_ns > self._left[0].log_ns
+            if not (stamp_ns == begin_ns or is_late):
+                return
+            assert self._host.changing is not None  # the controller has parameters that change
+            self._host.changing.change(self._left.popleft().change.values)
 
 
 def lacks_encoders(bag: Path, controller: str, recorded: DrivePacket) -> str:
@@ -157,7 +197,8 @@ def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[ControllerHost
     controller: Any = configured_controller(config)
     if getattr(controller, 'learning', False):
         controller.initialise(controller_rng(config.seed, 0))
-    return ControllerHost(controller, config.seed), make_sensor(config, drive)
+    host = ControllerHost(controller, config.seed, config.controller_parameters)
+    return host, make_sensor(config, drive)
 
 
 def _load_kernels(config: ReplayConfig, drive: RecordedDrive) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import json
+from pathlib import Path
 import time
 from typing import Any
 
 import numpy as np
 from spikelane_msgs.srv import Reset
 
+from spikelane.bag.changes import read_changes
+from spikelane.bag.source import BagSource
 from spikelane.nodes.graph import COMPOSED, driving_processes, running_nodes, Supervisor
 from spikelane.processes import ProcessError
 from spikelane.recording.bag import write_recording
@@ -17,12 +20,13 @@ from spikelane.runs.folder import RunFolder
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import DrivenLap
 from spikelane.runs.lap.trajectory import Trajectory
-from spikelane.runs.lap.trajectory_bag import read_trajectory
+from spikelane.runs.lap.trajectory_bag import message_counts, read_trajectory
 from spikelane.runs.output import OnProgress
 from spikelane_controllers.registry import card, controller_class
 from spikelane_sim import topic_names
 from spikelane_sim.contract import sensors_of
 from spikelane_sim.nodes.meeting import meeting_parameters
+from spikelane_sim.parameter_changes import changeable_specs
 
 LAST_ANSWER_S = 5.0
 _NEXT_EPISODE = -1  # in place of a seed: go on with the one before
@@ -40,7 +44,19 @@ TOPICS = (
     topic_names.CONTROLLER_STATE,
     topic_names.EVENTS,
     topic_names.WHEELS,
+    topic_names.SIMULATOR_CHANGES,
 )
+
+#: Topics with a message for each answer. Nobody waits for the answer to the last observation.
+_OF_ANSWERS = (topic_names.CONTROLLER_STATE, topic_names.WHEELS, topic_names.RECORDED)
+#: Topics with any number of messages.
+_ANY_NUMBER = (
+    topic_names.DIAGNOSTICS,
+    topic_names.WEIGHTS,  # none of networks that are too large to be looked at
+    topic_names.SIMULATOR_CHANGES,
+    topic_names.CONTROLLER_CHANGES,
+)
+_LATCHED = (topic_names.TF_STATIC, topic_names.ROBOT_DESCRIPTION)
 
 
 def recorded_topics(controller: str, record: Sequence[str] = ()) -> tuple[str, ...]:
@@ -53,6 +69,8 @@ def recorded_topics(controller: str, record: Sequence[str] = ()) -> tuple[str, .
         topics += (topic_names.WEIGHTS,)
     if 'encoders' in sensors_of(controller_class(controller)):
         topics += (topic_names.JOINT_STATES,)
+    if any(changeable_specs(controller_class(controller).parameters_class)):
+        topics += (topic_names.CONTROLLER_CHANGES,)
     if record:
         topics += (topic_names.RECORDED,)
     return topics
@@ -77,9 +95,11 @@ def drive_lap_over_ros(
     wall_time_s = _drive(config, folder, show, is_recorded=True, viewer=viewer, record=record)
     trajectory = read_trajectory(folder.bag)
     _check_complete(trajectory)
+    counts = message_counts(folder.bag)
+    _check_counts(counts, recorded_topics(config.controller, record), len(trajectory))
     if record:
         write_recording(config, folder.bag, trajectory.stamp_ns.tolist(), record, folder.recording)
-    return DrivenLap(trajectory, wall_time_s, folder.bag)
+    return DrivenLap(trajectory, wall_time_s, folder.bag, notes=_changes_in(folder.bag, counts))
 
 
 def drive_unrecorded(config: LapConfig, folder: RunFolder) -> float:
@@ -177,6 +197,30 @@ def _drive_episode(
 
     supervisor.watch(is_over, show_progress)
     return time.monotonic() - start_s
+
+
+def _check_counts(counts: Mapping[str, int], topics: Sequence[str], observations: int) -> None:
+    """Check that a recording has each topic of each step, also those that nothing is made of.
+
+    The recorder itself compares what it has written with what was published; this is what there
+    is in the end.
+    """
+    lacks = []
+    for topic in topics:
+        expected = 1 if topic in _LATCHED else observations - (topic in _OF_ANSWERS)
+        count = counts.get(f'/{topic.lstrip("/")}', 0)
+        if topic not in _ANY_NUMBER and count < expected:
+            lacks.append(f'{expected - count} of {expected} messages of /{topic.lstrip("/")}')
+    if lacks:
+        raise ProcessError(f'the recording lacks {", ".join(lacks)}')
+
+
+def _changes_in(bag: Path, counts: Mapping[str, int]) -> tuple[str, ...]:
+    """Return what was changed of the nodes' parameters while they drove, a sentence each."""
+    topics = (topic_names.SIMULATOR_CHANGES, topic_names.CONTROLLER_CHANGES)
+    if not any(counts.get(f'/{topic}') for topic in topics):
+        return ()
+    return tuple(read_changes(BagSource(bag)).notes())
 
 
 def _check_complete(trajectory: Trajectory) -> None:

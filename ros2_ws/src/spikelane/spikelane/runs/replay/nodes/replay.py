@@ -17,7 +17,6 @@ import time
 
 from event_camera_msgs.msg import EventPacket
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from spikelane_msgs.msg import LaneState, WheelVelocities
@@ -31,6 +30,7 @@ from spikelane_sim.files import write_json
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.frame_names import CAMERA_FRAME, WHEEL_JOINTS
 from spikelane_sim.nodes import conversions
+from spikelane_sim.nodes.parameter_node import ParameterNode
 from spikelane_sim.nodes.ros_parameters import declare_parameters
 from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
@@ -78,7 +78,7 @@ class ReplayNodeParameters(Parameters):
     filter: FilterParameters = nested(FilterParameters)
 
 
-class ReplayNode(Node):
+class ReplayNode(ParameterNode):
     """Publishes, gathers answers, and ends when all is done."""
 
     def __init__(self) -> None:
