@@ -36,7 +36,7 @@ done
 
 # Numba does not notice when a kernel changes that another file's kernel has taken in: compiled
 # kernels are kept by the text of all of them.
-_kernels=$(cd "$_root" && grep -rl --include='*.py' numba sim_bridge controllers | sort | xargs cat | cksum)
+_kernels=$(cd "$_root" && grep -rlE --include='*.py' 'numba|spikelane_sim.compiled' sim_bridge controllers | sort | xargs cat | cksum)
 export NUMBA_CACHE_DIR=$_root/.venv/numba/${_kernels// /-}
 unset _root _profile _prefix _path _kernels
 unset -f _prepend

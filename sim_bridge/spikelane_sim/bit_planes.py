@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim import raster
+from spikelane_sim.compiled import inner
 from spikelane_sim.events import Events
 from spikelane_sim.pixels.images import lowest_bit
 
@@ -114,7 +115,7 @@ def render_planes(  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True, error_model='numpy')
+@inner(error_model='numpy')
 def _draw(scan, first, last, spans, plane):  # type: ignore[no-untyped-def]
     """Set the bits of pixels whose centres a scan covers, in rows first to last.
 
@@ -146,7 +147,7 @@ def _draw(scan, first, last, spans, plane):  # type: ignore[no-untyped-def]
         _fill(plane[row], max(left, high, low), right)
 
 
-@numba.njit(cache=True, error_model='numpy')
+@inner(error_model='numpy')
 def _fill(words, begin, end):  # type: ignore[no-untyped-def]
     """Set the bits of the pixels whose centres lie from begin to end [px]."""
     if not begin < end:
@@ -202,7 +203,7 @@ def fire_planes(  # type: ignore[no-untyped-def]
     return number
 
 
-@numba.njit(cache=True)
+@inner
 def _level(floor, marking, bit):  # type: ignore[no-untyped-def]
     """Return which intensity a pixel has: 0 background, 1 floor, 2 marking."""
     shift = np.uint64(bit)

@@ -14,6 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from spikelane_sim.compiled import inner
+
 #: A curve, (n_segments, 8).
 Curve = NDArray[np.float64]
 
@@ -152,7 +154,7 @@ def nearest_on_curve(
     return right, error, position, index
 
 
-@numba.njit(cache=True, error_model='numpy')
+@inner(error_model='numpy')
 def _nearest_on_segment(row: Curve, x: float, y: float) -> tuple[float, float, float]:
     """Return arc length from the segment's start, distance to the right, squared distance.
 

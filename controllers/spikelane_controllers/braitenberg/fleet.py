@@ -19,6 +19,7 @@ from spikelane_controllers.spiking.network import NetworkState, run_kernel
 from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
 from spikelane_controllers.spiking.spikes import GRID_STEPS, SPIKE_DTYPE, Spikes
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
+from spikelane_sim.compiled import inner
 
 
 class _Networks(NamedTuple):
@@ -99,7 +100,7 @@ def _advance(  # type: ignore[no-untyped-def]
                 break
 
 
-@numba.njit(cache=True)
+@inner
 def _answer(networks, motors, inputs, i):  # type: ignore[no-untyped-def]
     """Return the wheels' velocities with which robot i answers; see `Braitenberg.step`."""
     neurons, in_flight, fired = run_kernel(

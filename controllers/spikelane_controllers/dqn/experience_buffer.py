@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.saved_state import array, SavedState
+from spikelane_sim.compiled import inner
 
 
 class Batch(NamedTuple):
@@ -53,7 +54,7 @@ def put(  # type: ignore[no-untyped-def]
     transitions.is_final[place] = is_final
 
 
-@numba.njit(cache=True)
+@inner
 def _pack(state, packed):  # type: ignore[no-untyped-def]
     """Pack eight inputs to a byte, the first one highest, as `np.packbits` does."""
     for k in range(len(packed)):

@@ -17,6 +17,7 @@ from spikelane_controllers.dqn.parameters import Exploration, exploration_rate
 from spikelane_controllers.dqn.q_network import values_of
 from spikelane_controllers.dqn.update_kernel import layers, Learnt, Rates, Shape, update
 from spikelane_controllers.fleet_kernel import write_down
+from spikelane_sim.compiled import inner
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.encoding import count_cells
 from spikelane_sim.episode_rules import REASONS
@@ -171,7 +172,7 @@ def repeat(  # type: ignore[no-untyped-def]
         count_cells(events, len(events), setting.crop_top, setting.cell, seen[i])
 
 
-@numba.njit(cache=True)
+@inner
 def _observe(setting, mind, own, seen, rng, known):  # type: ignore[no-untyped-def]
     """Take in an observation; see `Dqn.step`."""
     own.held += 1
@@ -183,7 +184,7 @@ def _observe(setting, mind, own, seen, rng, known):  # type: ignore[no-untyped-d
             _end_action(setting, mind, own, rng, known)
 
 
-@numba.njit(cache=True)
+@inner
 def _answer(setting, mind, own, ended, rng, known):  # type: ignore[no-untyped-def]
     """Choose what to do after an observation; see `Dqn.step`."""
     own.last_active = -1
@@ -196,7 +197,7 @@ def _answer(setting, mind, own, ended, rng, known):  # type: ignore[no-untyped-d
         own.action = _choose(setting, mind, own, rng)
 
 
-@numba.njit(cache=True)
+@inner
 def _choose(setting, mind, own, rng):  # type: ignore[no-untyped-def]
     """Return an action; see `QLearning.act`."""
     if mind.is_learning and rng.random() < exploration_rate(setting.exploration, own.steps):
@@ -205,7 +206,7 @@ def _choose(setting, mind, own, rng):  # type: ignore[no-untyped-def]
     return np.int64(np.argmax(values_of(network, mind.state.reshape(1, -1))[0]))
 
 
-@numba.njit(cache=True)
+@inner
 def _end_action(setting, mind, own, rng, known):  # type: ignore[no-untyped-def]
     """Observe what the action led to, and learn from it."""
     before = mind.state.copy()
@@ -223,7 +224,7 @@ def _end_action(setting, mind, own, rng, known):  # type: ignore[no-untyped-def]
         _learn(setting, mind, own, before, rng, known.reason == _LANE_LOST)
 
 
-@numba.njit(cache=True)
+@inner
 def _learn(setting, mind, own, before, rng, is_final):  # type: ignore[no-untyped-def]
     """Take in a transition, and update when it is time; see `QLearning.learn`."""
     put(mind.transitions, own.steps, before, own.action, own.reward, mind.state, is_final)
@@ -241,7 +242,7 @@ def _learn(setting, mind, own, before, rng, is_final):  # type: ignore[no-untype
         own.updates += 1
 
 
-@numba.njit(cache=True)
+@inner
 def _write_down_action(own, seen, ended):  # type: ignore[no-untyped-def]
     n = own.n_ended
     ended.rewards[n], ended.updates[n], ended.losses[n] = own.reward, own.updates, own.loss

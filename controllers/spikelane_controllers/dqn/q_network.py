@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
+from spikelane_sim.compiled import inner
 from spikelane_sim.parameters import parameter, Parameters
 
 Array = NDArray[np.float32]
@@ -127,7 +128,7 @@ def network_operations(network: QNetwork, decisions: int, active: int) -> Operat
     )
 
 
-@numba.njit(cache=True)
+@inner
 def add_rows(sums, factors, rows, chosen, number):  # type: ignore[no-untyped-def]
     """Add factors[i] * rows[i] for the chosen i, in their order; four of them in one pass."""
     k = 0
@@ -148,7 +149,7 @@ def add_rows(sums, factors, rows, chosen, number):  # type: ignore[no-untyped-de
         k += 1
 
 
-@numba.njit(cache=True)
+@inner
 def add_nonzero(sums, factors, rows, chosen):  # type: ignore[no-untyped-def]
     """Add factors[i] * rows[i] for all i whose factor is not 0; `chosen` is overwritten."""
     number = 0
@@ -158,7 +159,7 @@ def add_nonzero(sums, factors, rows, chosen):  # type: ignore[no-untyped-def]
     add_rows(sums, factors, rows, chosen, number)
 
 
-@numba.njit(cache=True)
+@inner
 def _rectify(values):  # type: ignore[no-untyped-def]
     """Set negative values to 0."""
     for i in range(len(values)):
@@ -166,7 +167,7 @@ def _rectify(values):  # type: ignore[no-untyped-def]
             values[i] = 0.0
 
 
-@numba.njit(cache=True)
+@inner
 def forward(network, active, number):  # type: ignore[no-untyped-def]
     """Return the outputs of the three layers, (n, number of units).
 
@@ -193,7 +194,7 @@ def forward(network, active, number):  # type: ignore[no-untyped-def]
     return first, second, values
 
 
-@numba.njit(cache=True)
+@inner
 def values_of(network, states):  # type: ignore[no-untyped-def]
     """Return `action_values`, compiled; `network` is the tuple of its arrays."""
     active, number = np.empty(states.shape, np.int32), np.zeros(len(states), np.int64)

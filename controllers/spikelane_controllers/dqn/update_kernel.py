@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.dqn.q_network import add_nonzero, forward, QNetwork
+from spikelane_sim.compiled import inner
 
 Flat = NDArray[np.float32]
 
@@ -120,7 +121,7 @@ def find_moving(learnt, shape):  # type: ignore[no-untyped-def]
                 break
 
 
-@numba.njit(cache=True)
+@inner
 def layers(flat, shape):  # type: ignore[no-untyped-def]
     """Return the layers' weights and biases without copies; see `q_network.network_views`."""
     n_0, n_1, n_2, n_3 = shape
@@ -137,7 +138,7 @@ def layers(flat, shape):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)
+@inner
 def _active(packed, drawn, n_inputs):  # type: ignore[no-untyped-def]
     """Return the inputs that are 1, (n, n_inputs), and how many of each row count, (n,)."""
     active, number = np.empty((len(drawn), n_inputs), np.int32), np.zeros(len(drawn), np.int64)
@@ -156,7 +157,7 @@ def _active(packed, drawn, n_inputs):  # type: ignore[no-untyped-def]
     return active, number
 
 
-@numba.njit(cache=True)
+@inner
 def _note_moving(states, is_moving):  # type: ignore[no-untyped-def]
     active, number = states
     for n in range(len(number)):
@@ -164,7 +165,7 @@ def _note_moving(states, is_moving):  # type: ignore[no-untyped-def]
             is_moving[active[n, k]] = True
 
 
-@numba.njit(cache=True)
+@inner
 def _backward(network, gradient, states, outputs, slopes):  # type: ignore[no-untyped-def]
     """Add the gradients of the mean squared error.
 
@@ -195,7 +196,7 @@ def _backward(network, gradient, states, outputs, slopes):  # type: ignore[no-un
                 row[i] += slope[i]
 
 
-@numba.njit(cache=True)
+@inner
 def _into_layer(outputs, slopes, transposed, chosen):  # type: ignore[no-untyped-def]
     """Return the slopes over a layer's outputs before rectification, (n, number of units)."""
     into = np.zeros_like(outputs)
@@ -207,7 +208,7 @@ def _into_layer(outputs, slopes, transposed, chosen):  # type: ignore[no-untyped
     return into
 
 
-@numba.njit(cache=True)
+@inner
 def _add_products(gradient, inputs, slopes, chosen):  # type: ignore[no-untyped-def]
     """Add the gradient of a layer's weights."""
     turned = np.ascontiguousarray(inputs.T)
@@ -215,7 +216,7 @@ def _add_products(gradient, inputs, slopes, chosen):  # type: ignore[no-untyped-
         add_nonzero(gradient[i], turned[i], slopes, chosen)
 
 
-@numba.njit(cache=True, error_model='numpy')
+@inner(error_model='numpy')
 def _descend(learnt, shape, rates, number):  # type: ignore[no-untyped-def]
     """Take the step of Adam, and move the target network."""
     step = np.float32(rates.learning_rate / (1 - 0.9**number))
@@ -230,7 +231,7 @@ def _descend(learnt, shape, rates, number):  # type: ignore[no-untyped-def]
     _adam(learnt, shape.n_inputs * width, len(learnt.weights), step, root, rates.soft_update)
 
 
-@numba.njit(cache=True, error_model='numpy')
+@inner(error_model='numpy')
 def _adam(learnt, start, end, step, root, soft_update):  # type: ignore[no-untyped-def]
     """Do so for the weights from start to end."""
     while start < end:

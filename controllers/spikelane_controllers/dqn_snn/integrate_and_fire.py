@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_snn.feedforward import FeedForward
 from spikelane_controllers.spiking.spikes import SPIKE_DTYPE, Spikes
+from spikelane_sim.compiled import inner
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 
@@ -212,7 +213,7 @@ class IntegrateAndFire:
         return potentials, Fired(hidden.sum(axis=0), output), watched
 
 
-@numba.njit(cache=True)
+@inner
 def _integrate(
     potential: float, arriving: float, threshold: float, subtracts: bool, is_clamped: bool
 ) -> tuple[float, bool]:

@@ -18,6 +18,7 @@ from spikelane_controllers.spiking.fleet_kernel import (
 from spikelane_controllers.spiking.plasticity import PlasticNetwork
 from spikelane_controllers.spiking.plasticity_kernel import run, Workspace
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
+from spikelane_sim.compiled import inner
 
 
 class _Networks(NamedTuple):
@@ -108,7 +109,7 @@ def _advance(  # type: ignore[no-untyped-def]
                 break
 
 
-@numba.njit(cache=True)
+@inner
 def _answer(networks, motors, distance_m, inputs, i):  # type: ignore[no-untyped-def]
     """Return the wheels' velocities with which robot i answers; see `RStdp.step`."""
     work = networks.work

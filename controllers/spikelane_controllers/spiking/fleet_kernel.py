@@ -13,6 +13,7 @@ from spikelane_controllers.fleet_kernel import write_down
 from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
 from spikelane_controllers.spiking.spikes import GRID_STEPS
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
+from spikelane_sim.compiled import inner
 from spikelane_sim.contract import STEP_S
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
@@ -83,7 +84,7 @@ def most_inputs(parameters: Any) -> int:
     return int(mean + 20 * math.sqrt(mean + 1)) + 64
 
 
-@numba.njit(cache=True)
+@inner
 def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     """Return the spikes of robot i's inputs in a step."""
     rng = generator_at(template, motors.chance[i])
@@ -94,7 +95,7 @@ def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     return spikes
 
 
-@numba.njit(cache=True)
+@inner
 def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
     """Return the wheels' velocities [rad/s] that follow from robot i's spikes, (left, right)."""
     left, right = 0, 0
@@ -110,13 +111,13 @@ def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
     return wheels.left, wheels.right
 
 
-@numba.njit(cache=True)
+@inner
 def look_at(motors, events, i):  # type: ignore[no-untyped-def]
     """Let robot i's controller see the events of a step."""
     count_cells(events, len(events), motors.cells.crop_top, motors.cells.cell, motors.counts[i])
 
 
-@numba.njit(cache=True)
+@inner
 def drive_on(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, journey, i, left, right
 ):

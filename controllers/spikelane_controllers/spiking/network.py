@@ -29,6 +29,7 @@ from spikelane_controllers.spiking.spikes import (
     SPIKE_DTYPE,
     Spikes,
 )
+from spikelane_sim.compiled import inner
 from spikelane_sim.parameters import parameter, Parameters
 
 
@@ -118,7 +119,7 @@ def _merge_spikes(in_flight: Spikes, inputs: Spikes) -> Spikes:
     return spikes
 
 
-@numba.njit(cache=True)
+@inner
 def _keep_flying(spikes: Spikes, arrived: int, window: int) -> Spikes:
     """Return the spikes from `arrived` on as the next window sees them."""
     in_flight = spikes[arrived:].copy()

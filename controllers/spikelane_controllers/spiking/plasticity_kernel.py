@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.neuron import advance_neuron, CONSTANTS_DTYPE, Neurons
 from spikelane_controllers.spiking.spikes import Spikes
+from spikelane_sim.compiled import inner
 
 #: A neuron's spike as its synapses remember it: stamp, neuron, K_minus just after it.
 POST_DTYPE = np.dtype([('stamp', '<i8'), ('source', '<i8'), ('k_minus', '<f8')])
@@ -70,7 +71,7 @@ class Workspace(NamedTuple):
     counts: NDArray[np.int64]  # how many of each neuron's posts count, (n_neurons,)
 
 
-@numba.njit(cache=True)
+@inner
 def _pass(synapse: Any, at: int, dopamine: float, rule: Any, tables: Any) -> None:
     """Take a synapse to a time, also an earlier one, that no spike comes before."""
     zero, time, c = rule.interval, synapse.time, synapse.eligibility
@@ -82,7 +83,7 @@ def _pass(synapse: Any, at: int, dopamine: float, rule: Any, tables: Any) -> Non
     synapse.time = at
 
 
-@numba.njit(cache=True)
+@inner
 def _meet(synapse: Any, posts: Any, dopamine: float, rule: Any, tables: Any) -> None:
     """Take a synapse to the next spike of its neuron."""
     _pass(synapse, posts[synapse.next_post].stamp + rule.delay, dopamine, rule, tables)
@@ -90,7 +91,7 @@ def _meet(synapse: Any, posts: Any, dopamine: float, rule: Any, tables: Any) -> 
     synapse.next_post += 1
 
 
-@numba.njit(cache=True)
+@inner
 def _bring(
     synapse: Any, to: int, posts: Any, count: int, dopamine: float, rule: Any, tables: Any
 ) -> None:
@@ -132,7 +133,7 @@ def _meet_all(
     return met
 
 
-@numba.njit(cache=True)
+@inner
 def _k_minus(posts: Any, count: int, time: int, rate: float) -> float:
     """Return the neuron's trace just before a spike at a time."""
     k = count - 1
@@ -141,7 +142,7 @@ def _k_minus(posts: Any, count: int, time: int, rate: float) -> float:
     return posts[k].k_minus * math.exp((posts[k].stamp - time) * rate) if k >= 0 else 0.0
 
 
-@numba.njit(cache=True)
+@inner
 def _forget(posts: Any, count: int, window: int, since: int) -> int:
     """Keep what the next window must remember: spikes after `since`, and the last before.
 
@@ -273,7 +274,7 @@ def run(
     return n_flying - handed, n_fired
 
 
-@numba.njit(cache=True)
+@inner
 def _run_neuron(
     neuron: Any,
     synapses: Any,
@@ -313,7 +314,7 @@ def _run_neuron(
     return count
 
 
-@numba.njit(cache=True)
+@inner
 def _list_fired(posts: Any, earlier: Any, counts: Any, fired: Spikes) -> int:
     """List the neurons' spikes of this window in the order of grid steps; return how many."""
     following = earlier.copy()

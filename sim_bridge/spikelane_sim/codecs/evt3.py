@@ -30,6 +30,7 @@ from spikelane_sim.codecs.payload import (
     TOO_MANY,
     uint_at,
 )
+from spikelane_sim.compiled import inner
 from spikelane_sim.events import Events
 
 ADDR_Y = 0x0  # row in bits 0-10; bit 11 says which camera of a pair
@@ -122,7 +123,7 @@ def encode(
     return words[:n], FINE, 0
 
 
-@numba.njit(cache=True)
+@inner
 def _find_fault(events: Events, width: int, height: int, stamp_us: int) -> tuple[int, int]:
     """Look for an event that cannot be written.
 
@@ -147,7 +148,7 @@ def _find_fault(events: Events, width: int, height: int, stamp_us: int) -> tuple
     return FINE, 0
 
 
-@numba.njit(cache=True)
+@inner
 def _put_time(words: NDArray[np.uint16], n: int, t_us: int, latest_us: int) -> int:
     """Write each TIME_HIGH that begins after the latest time, then TIME_LOW; return n after it."""
     for high in range((latest_us >> 12) + 1, (t_us >> 12) + 1):
@@ -222,7 +223,7 @@ def decode(
     return ordered, FINE, reserved, outside, mistimed, last_time_word_us
 
 
-@numba.njit(cache=True)
+@inner
 def _count(data: NDArray[np.uint8]) -> int:
     """Return how many events the words can make."""
     count = 0
@@ -237,7 +238,7 @@ def _count(data: NDArray[np.uint8]) -> int:
     return count
 
 
-@numba.njit(cache=True)
+@inner
 def _tick(clock: _Clock, code: int, value: int) -> _Clock:
     """Return the clock after a time word."""
     sync, high_us, low_us = clock
@@ -250,7 +251,7 @@ def _tick(clock: _Clock, code: int, value: int) -> _Clock:
     return max(sync, _NEEDS_LOW), high_us, low_us
 
 
-@numba.njit(cache=True)
+@inner
 def _is_contradicted(data: NDArray[np.uint8], i: int, high_us: int) -> bool:
     """Return whether the TIME_HIGH at word i is damaged, and not the first one after a jump.
 
@@ -268,13 +269,13 @@ def _is_contradicted(data: NDArray[np.uint8], i: int, high_us: int) -> bool:
     return False
 
 
-@numba.njit(cache=True)
+@inner
 def _continues(high_us: int, next_us: int) -> bool:
     """Return whether a TIME_HIGH is at most SLACK_US from another, however often it came round."""
     return ((next_us - high_us + SLACK_US) & (ROUND_US - 1)) <= 2 * SLACK_US
 
 
-@numba.njit(cache=True)
+@inner
 def _look(place: _Place, code: int, value: int) -> tuple[_Place, int, int, int]:
     """Take in a word that is not of time.
 
@@ -301,7 +302,7 @@ def _look(place: _Place, code: int, value: int) -> tuple[_Place, int, int, int]:
     return (row, base, base_on), x, on, mask
 
 
-@numba.njit(cache=True)
+@inner
 def _time(count_us: int, anchor_us: int) -> int:
     """Return the count, or the time nearest to the anchor with its 24 bits."""
     if anchor_us == NO_ANCHOR:

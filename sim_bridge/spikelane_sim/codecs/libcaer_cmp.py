@@ -23,6 +23,7 @@ from spikelane_sim.codecs.payload import (
     TOO_MANY,
     uint_at,
 )
+from spikelane_sim.compiled import inner
 
 TIME_HIGH = 0x0  # bits 12-23 of the time [us]
 TIME_LOW = 0x1  # bits 0-11 of the time [us]
@@ -64,7 +65,7 @@ def decode(data: NDArray[np.uint8], width: int, height: int, time_base_ns: int) 
     return ordered, FINE, reserved, outside, n - len(ordered), _last_time_word(data, state)
 
 
-@numba.njit(cache=True)
+@inner
 def _last_time_word(data: NDArray[np.uint8], state: NDArray[np.int64]) -> int:
     """Return the time that the last time word tells [us], after all words are taken in."""
     for i in range(len(data) // 2 - 1, -1, -1):
@@ -76,7 +77,7 @@ def _last_time_word(data: NDArray[np.uint8], state: NDArray[np.int64]) -> int:
     return NO_TIME
 
 
-@numba.njit(cache=True)
+@inner
 def _count(data: NDArray[np.uint8]) -> int:
     """Return how many events the words make."""
     count = 0
@@ -92,7 +93,7 @@ def _count(data: NDArray[np.uint8]) -> int:
     return count
 
 
-@numba.njit(cache=True)
+@inner
 def _take(state: NDArray[np.int64], word: int) -> int:
     """Take a word in; return the mask of the events it makes from _ROW on, -1 if reserved."""
     code, value = word >> 12, word & 0xFFF

@@ -26,6 +26,7 @@ from spikelane_sim.codecs.payload import (
     put_in_order,
     uint_at,
 )
+from spikelane_sim.compiled import inner
 from spikelane_sim.events import Events
 
 
@@ -59,7 +60,7 @@ def encode(
     return len(events), FINE, 0
 
 
-@numba.njit(cache=True)
+@inner
 def _encoding_fault(event: Any, time_base_ns: int, latest_ns: int, width: int, height: int) -> int:
     if event.x >= width or event.y >= height:
         return OUTSIDE

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import EVENT_DTYPE, Events
 
@@ -119,7 +120,7 @@ def fault_error(encoding: str, fault: int, index: int, width: int, height: int) 
     )
 
 
-@numba.njit(cache=True)
+@inner
 def uint_at(data: NDArray[np.uint8], start: int, n_bytes: int) -> np.int64:
     """Return the little-endian number that starts at this byte."""
     number = np.int64(0)
@@ -128,7 +129,7 @@ def uint_at(data: NDArray[np.uint8], start: int, n_bytes: int) -> np.int64:
     return number
 
 
-@numba.njit(cache=True)
+@inner
 def put_event(events: Events, n: int, t_ns: int, x: int, y: int, on: int) -> None:
     """Write event n; `on` is the encodings' polarity bit, 1 for brighter."""
     events[n].t = t_ns
@@ -137,7 +138,7 @@ def put_event(events: Events, n: int, t_ns: int, x: int, y: int, on: int) -> Non
     events[n].polarity = 1 if on else -1
 
 
-@numba.njit(cache=True)
+@inner
 def put_in_order(events: Events, back_ns: int) -> Events:
     """Make the times of a packet's events non-decreasing.
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.filters.correlation import find_supported
@@ -65,7 +65,7 @@ def check_chain(parameters: FilterParameters) -> None:
             )
 
 
-@numba.njit(cache=True)
+@inner
 def filter_events(chain, memory, events):  # type: ignore[no-untyped-def]
     """Move the events that pass all filters to the front; return how many.
 
@@ -94,7 +94,7 @@ def filter_events(chain, memory, events):  # type: ignore[no-untyped-def]
     return number
 
 
-@numba.njit(cache=True)
+@inner
 def _keep(events, passes):  # type: ignore[no-untyped-def]
     """Move the events that pass to the front; return how many."""
     kept = 0

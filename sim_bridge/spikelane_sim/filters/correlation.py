@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.filters.kind import (
@@ -158,7 +159,7 @@ def find_supported(
         begin = end
 
 
-@numba.njit(cache=True)
+@inner
 def _map_of(last_ns: NDArray[np.int64], polarity: int) -> int:
     return 1 if len(last_ns) == 2 and polarity > 0 else 0
 

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.kernel import simulate
 
@@ -103,7 +104,7 @@ def hold(  # type: ignore[no-untyped-def]
                 break
 
 
-@numba.njit(cache=True)
+@inner
 def _count(cells, events, number, i):  # type: ignore[no-untyped-def]
     counts, last_seen = cells.counts[i], cells.last_seen[i]
     count_cells(events, number, cells.crop_top, cells.side, counts)
@@ -114,7 +115,7 @@ def _count(cells, events, number, i):  # type: ignore[no-untyped-def]
                 last_seen[row, column] = cells.now[i]
 
 
-@numba.njit(cache=True)
+@inner
 def _put(places, world, events, number, i):  # type: ignore[no-untyped-def]
     oldest = places.oldest[i]
     row = places.places[i, oldest]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim import raster
 from spikelane_sim.camera import make_lens, seen_ground
+from spikelane_sim.compiled import inner
 from spikelane_sim.course import Course
 from spikelane_sim.pixels.crossings import Constants
 from spikelane_sim.pixels.dead import dead_pixels
@@ -105,7 +105,7 @@ def write_condition(
         )
 
 
-@numba.njit(cache=True)
+@inner
 def with_rates(esim, condition):  # type: ignore[no-untyped-def]
     """Return what all pixels of `esim` have in common, with the noise of a condition.
 

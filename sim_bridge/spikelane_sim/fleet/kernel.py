@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fire_planes, render_planes
+from spikelane_sim.compiled import inner
 from spikelane_sim.contract import STEP_NS
 from spikelane_sim.curve import nearest_on_curve
 from spikelane_sim.episode_rules import (
@@ -164,7 +165,7 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
         change[pixel] = condition.threshold * (now if now != 0.0 else world.dark_intensity)
 
 
-@numba.njit(cache=True)
+@inner
 def simulate(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, i, left, right
 ):
@@ -226,7 +227,7 @@ def simulate(  # type: ignore[no-untyped-def]
     return events
 
 
-@numba.njit(cache=True)
+@inner
 def _know(known, progress):  # type: ignore[no-untyped-def]
     """Write down a `Progress`."""
     known.position_m, known.progress_m = progress.position_m, progress.progress_m
@@ -235,7 +236,7 @@ def _know(known, progress):  # type: ignore[no-untyped-def]
     known.reason = progress.reason
 
 
-@numba.njit(cache=True)
+@inner
 def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-untyped-def]
     """Send a command; return the one that arrives (`communication_link`)."""
     rows = commands.shape[0]
@@ -251,7 +252,7 @@ def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-unty
     return last[0], last[1]
 
 
-@numba.njit(cache=True)
+@inner
 def _move(world, motion, poses, left, right):  # type: ignore[no-untyped-def]
     if world.engine == 1:
         drive_step(world.body, motion, left, right, world.substeps, poses)
@@ -270,7 +271,7 @@ def _move(world, motion, poses, left, right):  # type: ignore[no-untyped-def]
     motion[RIGHT] += right * (STEP_NS / 1e9)
 
 
-@numba.njit(cache=True)
+@inner
 def _locate(world, robots, i):  # type: ignore[no-untyped-def]
     """Find robot i on its lane; return its position along it [m]."""
     known, pose = robots.known[i], robots.poses[i, -1]
@@ -283,7 +284,7 @@ def _locate(world, robots, i):  # type: ignore[no-untyped-def]
     return position_m
 
 
-@numba.njit(cache=True)
+@inner
 def _render(world, robots, scratch, i, phase, pose):  # type: ignore[no-untyped-def]
     """Draw what robot i sees from a pose."""
     condition, lens = robots.conditions.numbers[i, phase], robots.conditions.lens[i, phase]
@@ -297,7 +298,7 @@ def _render(world, robots, scratch, i, phase, pose):  # type: ignore[no-untyped-
         render(pieces, floor, marking, lens, pose, world.n_rows, scratch.image)
 
 
-@numba.njit(cache=True)
+@inner
 def _see(world, robots, scratch, i, phase):  # type: ignore[no-untyped-def]
     """Write the events of what robot i sees; return how many.
 
@@ -321,7 +322,7 @@ def _see(world, robots, scratch, i, phase):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)
+@inner
 def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no-untyped-def]
     """Return the events of the images that robot i sees in a step with `esim`."""
     known, poses, rows = robots.known[i], robots.poses[i], robots.esim
@@ -366,7 +367,7 @@ def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no
     return events
 
 
-@numba.njit(cache=True)
+@inner
 def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-untyped-def]
     """Add noise where no pixel has fired, as `CoppeliaPixels` does; return how many events.
 
@@ -400,13 +401,13 @@ def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-u
     return number
 
 
-@numba.njit(cache=True)
+@inner
 def _copy(to, event):  # type: ignore[no-untyped-def]
     to['t'], to['x'], to['y'] = event.t, event.x, event.y
     to['polarity'] = event.polarity
 
 
-@numba.njit(cache=True)
+@inner
 def _lose(rng, events, number, event_loss):  # type: ignore[no-untyped-def]
     """Keep the events that reach the controller (`communication_link`); return how many."""
     kept = 0

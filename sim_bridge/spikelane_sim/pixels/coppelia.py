@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.events import EVENT_DTYPE, Events, make_events, no_events
 from spikelane_sim.parameters import NEXT_STEP, parameter, Parameters
 from spikelane_sim.pixels.images import (
@@ -145,7 +146,7 @@ class CoppeliaPixels:
         self.has_seen = True
 
 
-@numba.njit(cache=True)
+@inner
 def _changed(
     intensity: NDArray[np.float32],
     reference: NDArray[np.float64],

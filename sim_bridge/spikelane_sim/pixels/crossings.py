@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
 from spikelane_sim.events import EVENT_DTYPE, Events
 from spikelane_sim.pixels.images import lowest_bit, WORD_PIXELS
 from spikelane_sim.pixels.noise import draw_hot, draw_leak, draw_shot
@@ -50,7 +51,7 @@ class Crossings(NamedTuple):
     polarity: NDArray[np.int8]
 
 
-@numba.njit(cache=True)
+@inner
 def _changed(image: NDArray[np.float32], before: NDArray[np.float32], pixels: int) -> np.uint64:
     """Return a word with bit i set where pixel i has changed, for at most 64 pixels."""
     word = np.uint64(0)
@@ -81,7 +82,7 @@ def cross_image(  # type: ignore[no-untyped-def]
         crossings = larger
 
 
-@numba.njit(cache=True)
+@inner
 def cross_thresholds(
     image: NDArray[np.float32],
     pixels: PixelArrays,
@@ -116,7 +117,7 @@ def cross_thresholds(
     return count, True
 
 
-@numba.njit(cache=True)
+@inner
 def _cross_at(
     pixel: int,
     pixels: PixelArrays,
@@ -149,7 +150,7 @@ def _cross_at(
     return number
 
 
-@numba.njit(cache=True)
+@inner
 def _log_intensity(intensity: np.float32, dark_intensity: float) -> float:
     # Written so that not-a-number becomes 0.
     seen = min(np.float64(intensity), 1.0) if intensity > 0 else 0.0
@@ -193,7 +194,7 @@ def emit(  # type: ignore[no-untyped-def]
     return events[:number]
 
 
-@numba.njit(cache=True)
+@inner
 def _write_events(  # type: ignore[no-untyped-def]
     crossings, last_event_us, start_us, constants, events
 ):

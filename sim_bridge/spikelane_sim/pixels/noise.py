@@ -13,6 +13,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import inner
+
 
 class NoiseEvents(NamedTuple):
     """Noise events of a step, in no order."""
@@ -22,7 +24,7 @@ class NoiseEvents(NamedTuple):
     polarity: NDArray[np.int8]  # +1 or -1
 
 
-@numba.njit(cache=True)
+@inner
 def draw_leak(
     rng: np.random.Generator, rate_hz: float, pixels: int, start_us: int, end_us: int
 ) -> NoiseEvents:
@@ -78,7 +80,7 @@ def draw_shot(
     return NoiseEvents(t_us[:number], pixel[:number], polarity[:number])
 
 
-@numba.njit(cache=True)
+@inner
 def draw_hot(
     rng: np.random.Generator,
     rate_hz: float,
@@ -102,7 +104,7 @@ def draw_hot(
     return NoiseEvents(t_us, hot[which], polarity)
 
 
-@numba.njit(cache=True)
+@inner
 def _draw(
     rng: np.random.Generator, rate_hz: float, pixels: int, start_us: int, end_us: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,0 +1,25 @@
+"""How functions are compiled that only compiled functions call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+
+def inner(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function as `numba.njit(cache=True)` does, but not the way into it from Python.
+
+    That unpacks every array of every argument. For a function that takes the arrays of a fleet it
+    takes three times as long to compile as the function itself, and once more with each caller. A
+    call from Python would crash; `tests/core/spikelane_sim/test_compiled.py` finds
+    such calls.
+
+    Args:
+        function: What is decorated.
+        options: More options of `numba.njit`.
+    """
+    return numba.njit(
+        function, cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options
+    )

@@ -1,0 +1,104 @@
+"""Functions without a way into them from Python are called by compiled functions alone."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = {
+    'spikelane_sim': ROOT / 'sim_bridge',
+    'spikelane_controllers': ROOT / 'controllers',
+    'spikelane': ROOT / 'ros2_ws/src/spikelane',
+    'spikelane_benches': ROOT / 'benches',
+}
+
+
+class Use(NamedTuple):
+    """A place in Python where a name of a module is used."""
+
+    module: str
+    name: str
+    where: str
+
+
+def modules() -> dict[str, ast.Module]:
+    """Return all modules and tests, by the names that they are imported under."""
+    files = {
+        '.'.join(file.relative_to(folder).with_suffix('').parts): file
+        for package, folder in PACKAGES.items()
+        for file in folder.glob(f'{package}/**/*.py')
+    }
+    others = [*ROOT.glob('tests/**/*.py'), *ROOT.glob('docs/**/*.py')]
+    files |= {str(file.relative_to(ROOT)): file for file in others}
+    return {name: ast.parse(file.read_text('utf-8')) for name, file in files.items()}
+
+
+def decorators(node: ast.AST) -> str:
+    """Return the decorators of a function, '' for another node."""
+    found = node.decorator_list if isinstance(node, ast.FunctionDef) else []
+    return ' '.join(map(ast.unparse, found))
+
+
+def uses(module: str, tree: ast.Module) -> Iterator[Use]:
+    """Yield what a module's Python uses: compiled functions are passed over."""
+    imported = {
+        alias.asname or alias.name: (node.module, alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        given = decorators(node)
+        if 'njit' in given or given.startswith('inner'):
+            continue
+        if isinstance(node, ast.Name):
+            yield Use(*imported.get(node.id, (module, node.id)), module)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            package, name = imported.get(node.value.id, ('', node.value.id))
+            yield Use(f'{package}.{name}', node.attr, module)
+        waiting.extend(ast.iter_child_nodes(node))
+
+
+@pytest.fixture(scope='module')
+def trees() -> dict[str, ast.Module]:
+    """Give all modules and tests."""
+    return modules()
+
+
+def test_python_calls_no_inner_function(trees: dict[str, ast.Module]) -> None:
+    """It would crash: `compiled.inner`."""
+    inner = {
+        (module, node.name)
+        for module, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and decorators(node).startswith('inner')
+    }
+    assert ('spikelane_sim.fleet.kernel', 'simulate') in inner
+    found = [use for module, tree in trees.items() for use in uses(module, tree)]
+    assert [use for use in found if (use.module, use.name) in inner] == []
+
+
+def test_a_call_from_python_would_be_found() -> None:
+    """By name, and as an attribute of its module; a compiled caller is none."""
+    text = """
+from spikelane_sim.fleet import kernel
+from spikelane_sim.fleet.kernel import simulate as step
+
+@numba.njit
+def compiled():
+    step()
+
+def plain():
+    kernel.simulate()
+    step()
+"""
+    found = {use for use in uses('here', ast.parse(text)) if use.name == 'simulate'}
+    assert found == {Use('spikelane_sim.fleet.kernel', 'simulate', 'here')}
+    assert sum(use.name == 'simulate' for use in uses('here', ast.parse(text))) == 2
