@@ -105,12 +105,10 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path = workspace / 'broken' / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text.lstrip(), encoding='utf-8')
-    for package in ('balance', 'norse', 'broken'):
-        pip = [python, '-m', 'pip', 'install', '-e', '.']
-        done = subprocess.run(
-            pip, cwd=workspace / package, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    packages = [part for name in ('balance', 'norse', 'broken') for part in ('-e', f'./{name}')]
+    pip = [python, '-m', 'pip', 'install', *packages]
+    done = subprocess.run(pip, cwd=workspace, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     return workspace
 
 
