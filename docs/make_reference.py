@@ -148,6 +148,11 @@ def executables(folder: Path) -> dict[str, Executable]:
     ):
         make = _class(module, cls)
         nodes[module.rpartition('.')[2]] = Executable('spikelane', make, (Start('', parameters),))
+    nodes['lane_from_pose'] = Executable(
+        'spikelane',
+        _class('spikelane.nodes.lane_from_pose', 'LaneFromPose'),
+        (Start('', {}), Start('`source` transforms', {'source': 'transforms'})),
+    )
     nodes['wheels_to_twist'] = Executable(
         'spikelane',
         _class('spikelane.nodes.wheels_to_twist', 'WheelsToTwist'),

@@ -7,6 +7,8 @@ IMAGE = 'event_camera/image_raw'
 LANE_STATE = 'lane/state'
 LANE_DISTANCE = 'lane/distance'
 ODOMETRY = 'ground_truth/odom'
+#: Where a real robot takes itself to be.
+ROBOT_ODOMETRY = 'odometry'
 JOINT_STATES = 'joint_states'
 ROBOT_DESCRIPTION = 'robot_description'
 

@@ -26,6 +26,7 @@ def test_the_names_are_those_that_users_have_in_their_files() -> None:
         'lane/state',
         'lane/distance',
         'ground_truth/odom',
+        'odometry',
         'joint_states',
         'robot_description',
         'wheel_velocities',

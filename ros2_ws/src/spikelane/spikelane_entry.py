@@ -51,3 +51,11 @@ def wheels_to_twist() -> None:
     from spikelane.nodes.wheels_to_twist import main as run
 
     run()
+
+
+def lane_from_pose() -> None:
+    """Run the node and exit."""
+    take_signals()
+    from spikelane.nodes.lane_from_pose import main as run
+
+    run()

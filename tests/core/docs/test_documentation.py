@@ -158,8 +158,8 @@ def test_another_command_is_about_what_there_is(line: Line) -> None:
     elif line.words[:2] == ('ros2', 'launch'):
         package, file, *arguments = rest[1:]
         path = ROOT / 'ros2_ws/src' / package / 'launch' / file
-        shared = ROOT / 'ros2_ws/src/spikelane/spikelane/launch/arguments.py'
-        declared = path.read_text('utf-8') + shared.read_text('utf-8')
+        shared = sorted((ROOT / 'ros2_ws/src/spikelane/spikelane/launch').glob('*.py'))
+        declared = ''.join(each.read_text('utf-8') for each in (path, *shared))
         for argument in arguments:
             name = re.escape(argument.partition(':=')[0])
             known = re.search(rf"(argument|flag)\(\s*'{name}'", declared)

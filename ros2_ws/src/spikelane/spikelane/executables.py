@@ -29,6 +29,7 @@ def executables() -> dict[str, str]:
         'simulator': 'spikelane_sim',
         **controller_packages(),
         'camera_calibration': 'spikelane',
+        'lane_from_pose': 'spikelane',
         'recorder': 'spikelane',
         'replay': 'spikelane',
         'viewer': 'spikelane',

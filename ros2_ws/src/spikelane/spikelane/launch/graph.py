@@ -90,6 +90,24 @@ def controller(
     return _node(arguments, name, namespace, parameters)
 
 
+def controller_on_robot(
+    name: str, robot: str, arguments: Arguments, others: Mapping[str, Any]
+) -> Node:
+    """Return a controller that drives a real robot, and waits for nobody.
+
+    Args:
+        name: In the registry.
+        robot: Name of the file of the robot's parameters, in the folder config.
+        arguments: Arguments of the launch.
+        others: More parameters, under dotted names.
+    """
+    shipped = Path(_shipped(controller_packages()[name], name))
+    file = _in_file(shipped, name) if shipped.exists() else {}
+    base = _in_file(Path(arguments.text('robot_file') or _shipped('spikelane', robot)), name)
+    seed = {'seed': arguments.number('seed')}
+    return _node(arguments, name, '', [file, base, seed, others])
+
+
 def _for_others(arguments: Arguments) -> dict[str, int]:
     """Return the parameters with which nodes wait for subscribers from outside the launch."""
     names = ('wait_for_subscribers', 'history_depth')
