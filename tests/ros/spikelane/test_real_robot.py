@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import functools
 from pathlib import Path
 import threading
 import time
@@ -134,17 +135,24 @@ def test_recordings_of_real_cameras_drive_the_base_within_its_limits(
     publisher = graph.node.create_publisher(
         EventPacket, f'{space}/event_camera/events', BEST_EFFORT
     )
+    show = functools.partial(play, publisher, recording)
     node = start_controller(graph, robot, '-r', f'__ns:={space}')
     graph.until(publisher.get_subscription_count, 'the subscription')
     with hand(graph, f'{space}/joy', robot.button):
         since_s = time.monotonic()
         graph.until(lambda: time.monotonic() - since_s > 1.5)
         assert heard == []
-        ends_s: list[float] = []
-        player = threading.Thread(target=lambda: ends_s.append(play(publisher, recording)))
-        player.start()
-        graph.until(lambda: ends_s, 'the end of the recording')
-        player.join()
+        # The first packets may find kernels uncompiled: the robot stands meanwhile.
+        for _ in range(3):
+            ends_s: list[float] = []
+            player = threading.Thread(target=lambda ends_s=ends_s: ends_s.append(show()))
+            player.start()
+            graph.until(lambda ends_s=ends_s: ends_s, 'the end of the recording')
+            player.join()
+            since_s = time.monotonic()
+            graph.until(lambda since_s=since_s: time.monotonic() - since_s > 2.0)
+            if heard and heard[-1][0] > ends_s[0] - 1.0:
+                break
         graph.until(lambda: heard and heard[-1][1].linear.x == 0.0, 'a stop')
     forward = [twist.linear.x for _, twist in heard]
     assert max(forward) > 0.03
