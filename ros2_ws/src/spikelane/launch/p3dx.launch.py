@@ -54,7 +54,7 @@ def start(context: LaunchContext) -> list[Any]:
         parameters=[{'port': arguments.text('port'), 'cmd_vel_timeout': 0.2}],
         remappings=[('pose', 'odom')],
     )
-    joystick = driver('joy', 'joy_node', 'joy_node')
+    joystick = driver('joy_linux', 'joy_linux_node', 'joy_linux_node')
     wanted = {'camera': camera, 'base': base, 'joystick': joystick}
     drivers = [node for name, node in wanted.items() if arguments.is_true(name)]
     return [*graph.end_in_order([[controller]], [], []), *drivers, controller]
