@@ -121,7 +121,10 @@ def play(publisher: Any, bag: Path) -> float:
 def test_recordings_of_real_cameras_drive_the_base_within_its_limits(
     graph: Any, name: str, recording: Path
 ) -> None:
-    """Published best-effort, as the drivers do; the base stands before, and soon after."""
+    """Published best-effort, as the drivers do; the base stands before and after.
+
+    How soon it stands is measured in test_base.py: here a busy machine may lag behind the camera.
+    """
     if not recording.exists():
         pytest.skip(f'no recordings of cameras at {CAMERAS}')
     robot, space = ROBOTS[name], f'/{name}_{recording.stem}'
@@ -161,7 +164,6 @@ def test_recordings_of_real_cameras_drive_the_base_within_its_limits(
     assert max(abs(twist.angular.z) for _, twist in heard) <= 1.0
     stopped_s = next(at_s for at_s, twist in heard if at_s > ends_s[0] and not twist.linear.x)
     print(f'{recording.stem}: {len(heard)} commands, stopped {stopped_s - ends_s[0]:.3f} s after')
-    assert stopped_s - ends_s[0] < 2.0  # measured once; test_base.py measures it well
     assert 'Traceback' not in node.log
     node.kill()
 
