@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from spikelane_sim.compiled import inner
 from spikelane_sim.encoding import count_cells, EncodingParameters
+from spikelane_sim.fleet.borrowed import borrowed
 from spikelane_sim.fleet.kernel import simulate
 
 _MOST_COUNTED = 255
@@ -40,13 +41,16 @@ class Places(NamedTuple):
     """Where events were in the last steps; rows are robots.
 
     Attributes:
-        places: Column + width (row + height, for OFF), (n_robots, frames, height * width); memory
-            is taken where there are events.
-        number: How many of them count in each step, (n_robots, frames).
+        places: Column + width (row + height, for OFF), each once in a step,
+            (n_robots, frames, 2 * height * width); memory is taken where there are events.
+        times: How many events each place of the image had in a step, at most 255; of the same
+            shape.
+        number: How many of the places count in each step, (n_robots, frames).
         oldest: Which of the steps is the oldest, (n_robots,).
     """
 
     places: NDArray[np.int32]
+    times: NDArray[np.uint8]
     number: NDArray[np.int64]
     oldest: NDArray[np.int64]
 
@@ -65,9 +69,11 @@ def make_cells(n_robots: int, encoding: EncodingParameters, frames: int) -> Cell
 
 
 def make_places(n_robots: int, frames: int, pixels: int) -> Places:
-    """Return places without events."""
+    """Return places without events, for an image of so many pixels."""
+    shape = (n_robots, frames, 2 * pixels)
     return Places(
-        np.empty((n_robots, frames, pixels), np.int32),
+        np.empty(shape, np.int32),
+        np.zeros(shape, np.uint8),
         np.zeros((n_robots, frames), np.int64),
         np.zeros(n_robots, np.int64),
     )
@@ -92,6 +98,8 @@ def hold(  # type: ignore[no-untyped-def]
         first: First of the robots.
         last: The robot after the last one.
     """
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    cells, places = borrowed(cells), borrowed(places)
     for i in range(first, last):
         if not is_driving[i]:
             continue
@@ -118,13 +126,21 @@ def _count(cells, events, number, i):  # type: ignore[no-untyped-def]
 @inner
 def _put(places, world, events, number, i):  # type: ignore[no-untyped-def]
     oldest = places.oldest[i]
-    row = places.places[i, oldest]
+    row, times = places.places[i, oldest], places.times[i, oldest]
+    for k in range(places.number[i, oldest]):
+        times[row[k]] = 0
+    found = 0
     for k in range(number):
         y = np.int64(events[k].y)
         if events[k].polarity <= 0:
             y += world.height
-        row[k] = y * world.width + np.int64(events[k].x)
-    places.number[i, oldest] = number
+        place = y * world.width + np.int64(events[k].x)
+        if times[place] == 0:
+            row[found] = place
+            found += 1
+        if times[place] < _MOST_COUNTED:
+            times[place] += 1
+    places.number[i, oldest] = found
     places.oldest[i] = (oldest + 1) % places.number.shape[1]
 
 
@@ -133,6 +149,8 @@ def forget(cells: Cells, places: Places, robot: int) -> None:
     cells.counts[robot] = 0
     cells.last_seen[robot] = 0
     cells.now[robot] = cells.frames  # so that a cell that was never seen counts for none of them
+    for frame, number in enumerate(places.number[robot].tolist()):
+        places.times[robot, frame, places.places[robot, frame, :number]] = 0
     places.number[robot] = 0
 
 
@@ -159,7 +177,8 @@ def _draw(places: Any, images: NDArray[np.uint8]) -> None:
     for i in range(images.shape[0]):
         image = images[i]
         for frame in range(places.number.shape[1]):
-            row = places.places[i, frame]
+            row, times = places.places[i, frame], places.times[i, frame]
             for k in range(places.number[i, frame]):
-                if image[row[k]] < _MOST_COUNTED:
-                    image[row[k]] += 1
+                place = row[k]
+                seen = np.int64(image[place]) + np.int64(times[place])
+                image[place] = min(seen, _MOST_COUNTED)

@@ -24,6 +24,7 @@ from spikelane_sim.env import (
 )
 from spikelane_sim.env_observations import OBSERVATIONS
 from spikelane_sim.errors import ParameterError, SpikelaneError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.fleet.actions import (
     event_images,
     forget,
@@ -111,7 +112,7 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
             render_mode: None.
             simulator: Parameters of the simulators; the engine must be rigid or kinematic.
             task: Parameters of the task.
-            filters: Nothing, or no filters.
+            filters: Parameters of the filters; those that are not compiled are not in the kernel.
 
         Raises:
             NotInKernelError: The kernel does not have this; the message names the parameter.
@@ -122,15 +123,9 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
         parameters = environment_parameters(scenario, simulator or {})
         if render_mode is not None:
             raise NotInKernelError(f'render_mode: expected None, got {render_mode}')
-        if filters and filters.get('chain'):
-            raise NotInKernelError(f'filters: expected none, got {dict(filters)}')
-        if parameters.pixels.model != 'coppelia':
-            raise NotInKernelError(
-                f'pixels.model: expected coppelia in many environments, '
-                f'got {parameters.pixels.model}'
-            )
+        chain = FilterParameters.from_mapping(filters or {}, 'filters')
         try:
-            self._fleet = SimulatorFleet(num_envs, parameters)
+            self._fleet = SimulatorFleet(num_envs, parameters, filters=chain)
         except ParameterError as error:
             raise NotInKernelError(str(error)) from None
         self.num_envs = num_envs

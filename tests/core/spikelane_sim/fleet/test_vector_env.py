@@ -1,5 +1,6 @@
 """`make_vec`: many environments in one kernel return what single environments return."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -7,11 +8,23 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import numpy as np
 import pytest
 
+from spikelane_sim.calibration import write_calibration
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.fleet.vector_env import LaneKeepingVectorEnv
+from spikelane_sim.simulated_calibration import simulated_calibration
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 ID = 'spikelane/LaneKeeping-v0'
 RIGID = {'robot.engine': 'rigid', 'episode.max_distance_m': 0.08}
+
+#: A threshold so low that a pixel has many events in a step, and noise.
+ESIM = {
+    **RIGID,
+    'pixels.model': 'esim',
+    'pixels.esim.threshold_on': 0.02,
+    'pixels.esim.shot_rate_hz': 1.0,
+    'pixels.esim.substeps': 2,
+}
 
 
 def same(one: Any, other: Any) -> bool:
@@ -51,6 +64,30 @@ def same(one: Any, other: Any) -> bool:
         pytest.param(
             {'observation': 'sensors', 'simulator': {**RIGID, 'robot.engine': 'kinematic'}},
             id='kinematic',
+        ),
+        pytest.param(
+            {
+                'observation': 'event_image',
+                'simulator': {**ESIM, 'robot.engine': 'kinematic'},
+                'threads': 2,
+            },
+            id='esim',
+        ),
+        pytest.param(
+            {
+                'observation': 'spike_counts',
+                'simulator': {**ESIM, 'pixels.esim.latency_s': 0.07},
+                'filters': {'chain': 'refractory,nearest_neighbour'},
+            },
+            id='esim with latency and filters',
+        ),
+        pytest.param(
+            {
+                'observation': 'sensors',
+                'simulator': {**RIGID, 'pixels.coppelia.noise_rate_hz': 0.5},
+                'filters': {'chain': 'correlation', 'correlation.window_s': 0.1},
+            },
+            id='filter',
         ),
     ],
 )
@@ -95,15 +132,16 @@ def test_results_are_those_of_single_environments(
     expected.close()
 
 
-def test_what_the_kernel_lacks_is_stepped_one_by_one_and_said() -> None:
+def test_what_the_kernel_lacks_is_stepped_one_by_one_and_said(tmp_path: Path) -> None:
     """The default engine is pybullet: the results stay what they are, with a warning."""
     with pytest.warns(UserWarning, match=r'robot\.engine: expected kinematic or rigid'):
         vector = gymnasium.make_vec(ID, num_envs=2)
     assert isinstance(vector, SyncVectorEnv)
     vector.close()
+    write_calibration(tmp_path / 'camera.yaml', simulated_calibration(SimulatorParameters()))
+    view = {'chain': 'ground_view', 'ground_view.file': str(tmp_path / 'camera.yaml')}
     for other in (
-        {'simulator': {**RIGID, 'pixels.model': 'esim'}},
-        {'filters': {'chain': 'refractory'}},
+        {'filters': view},
         {'render_mode': 'rgb_array'},
     ):
         with pytest.warns(UserWarning, match='single environments'):
