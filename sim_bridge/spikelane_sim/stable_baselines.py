@@ -22,7 +22,7 @@ try:
 except ImportError:
     raise ImportError(
         'spikelane_sim.stable_baselines: expected Stable-Baselines3, which is not installed: '
-        'pip install stable-baselines3'
+        "pip install 'spikelane[sb3]'"
     ) from None
 
 

@@ -272,11 +272,23 @@ def test_the_library_does_everything_without_ros(
     check_errors(command, tmp_path)
 
 
+#: Stable-Baselines3 learns in a vector of environments.
+LEARN = """
+import gymnasium, spikelane
+from spikelane_sim.stable_baselines import VectorEnvAdapter
+from stable_baselines3 import PPO
+simulator = {'robot.engine': 'kinematic'}
+name = 'spikelane/LaneKeeping-v0'
+envs = gymnasium.make_vec(name, num_envs=2, autoreset_mode='SameStep', simulator=simulator)
+assert PPO('MlpPolicy', VectorEnvAdapter(envs), n_steps=8, batch_size=16).learn(16)
+"""
+
 #: What each extra is for, with the module that it brings: arguments of Python.
 EXTRAS = {
     'nir': ('nir', ['-m', 'spikelane.main', 'export', 'nir', 'scenario_1', 'lane.nir']),
     'ray': ('ray', ['-m', 'spikelane.main', 'experiment', 'one.yaml', '--engine', 'ray']),
     'view': ('rerun', ['-c', VIEWER]),
+    'sb3': ('stable_baselines3', ['-c', LEARN]),
     'learn': ('torch', ['-m', 'spikelane.main', 'train', 'dqn', '--steps', '40', *AT_ONCE]),
 }
 

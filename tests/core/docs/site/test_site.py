@@ -117,7 +117,7 @@ def test_comments_after_fields_are_shown(site: Path) -> None:
 
 def test_files_of_the_repository_are_shown(site: Path) -> None:
     """Where pages link to them; folders list what Git has in them."""
-    text = (site / 'source/docs/examples/ppo.py.html').read_text('utf-8')
+    text = (site / 'source/docs/examples/stable_baselines.py.html').read_text('utf-8')
     assert 'class="highlight"' in text
     text = (site / 'source/docs/examples/balance.html').read_text('utf-8')
     assert 'href="balance/my_controllers/cards.py.html"' in text

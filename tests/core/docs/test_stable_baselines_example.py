@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-EXAMPLE = Path(__file__).parents[3] / 'docs' / 'examples' / 'ppo.py'
+EXAMPLE = Path(__file__).parents[3] / 'docs' / 'examples' / 'stable_baselines.py'
 
 
-def test_ppo_learns_and_drives(tmp_path: Path) -> None:
-    """One round of learning with the kinematic robot, and both lanes with physics."""
-    pytest.importorskip('stable_baselines3')
+@pytest.mark.parametrize('algorithm', ['ppo', 'dqn'])
+def test_it_learns_in_64_environments_and_drives(algorithm: str, tmp_path: Path) -> None:
+    """A round of learning with the kinematic robot, and both lanes with physics."""
     ended = subprocess.run(
-        [sys.executable, str(EXAMPLE), '--steps', '1024', '--out', str(tmp_path)],
+        [sys.executable, str(EXAMPLE), algorithm, '--steps', '1088', '--out', str(tmp_path)],
         env=os.environ | {'PYTHONPATH': os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
