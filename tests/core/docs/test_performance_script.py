@@ -11,18 +11,18 @@ from types import ModuleType
 import pandas as pd
 import pytest
 
-SCRIPT = Path(__file__).parents[3] / 'docs/results/performance.py'
+DOCS = Path(__file__).parents[3] / 'docs'
+SCRIPT = DOCS / 'results/performance.py'
 
 
 @pytest.fixture(scope='module')
 def script() -> ModuleType:
-    """Give the script as a module that repeats little."""
+    """Give the script as a module."""
     spec = importlib.util.spec_from_file_location('performance', SCRIPT)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    module.REPEATS, module.FLEET_STEPS, module.CAMERA_STEPS, module.WINDOWS = 2, 64, 8, 3
     return module
 
 
@@ -38,7 +38,7 @@ def test_each_kind_is_measured_told_and_drawn(
         ('network', 3, 50),
     ]
     for size in sizes:
-        script.measure_here(*size)
+        script.measure_here(*size, script.Effort(2, 64, 8, 3, 0))
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(row['what'], row['size'], row['other']) for row in rows] == sizes
     for row in rows:
@@ -46,12 +46,59 @@ def test_each_kind_is_measured_told_and_drawn(
         assert row['wall_us'] > 0
         assert 100 < row['memory_mb'] < 10_000
     data = pd.DataFrame(rows)
-    script.print_table(data)
-    table = capsys.readouterr().out.splitlines()
+    table = script.table(data).splitlines()
     assert len(table) == 2 + len(sizes)
     assert re.match(r'\| 4 robots, 2 threads \| robot-step \| [\d.,]+ \| .* to .* \|', table[5])
     script.draw(data, tmp_path / 'figure.png')
     assert (tmp_path / 'figure.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_page_has_what_was_measured(script: ModuleType) -> None:
+    """Its numbers and tables are those of the data, for all sizes, or say that there are none."""
+    page = (DOCS / 'performance.md').read_text('utf-8')
+    assert set(re.findall('<!-- measured: (.*) -->', page)) == set(script.BLOCKS)
+    if not script.DATA.exists():
+        assert page.count('Not measured yet.') == len(script.BLOCKS)
+        return
+    data = pd.read_csv(script.DATA)
+    assert script.fill(page, data) == page
+    sizes = {
+        what: list(zip(rows['size'], rows['other'], strict=True))
+        for what, rows in data.groupby('what')
+    }
+    assert sizes == script.SIZES
+    assert script.DATA.with_suffix('.png').is_file()
+
+
+def test_a_page_is_filled_between_its_marks(script: ModuleType) -> None:
+    """What was there before goes; what is around stays."""
+    page = 'a\n<!-- measured: ray -->\nold\n<!-- end -->\nb\n'
+    rows = [{'what': 'ray', 'size': n, 'wall_us': 30e6 / n} for n in (1, 2)]
+    filled = script.fill(page, pd.DataFrame(rows))
+    assert filled.startswith('a\n<!-- measured: ray -->\nThe eight trainings took 30 s on one ')
+    assert 'worker and 15 s on two (2.00 times as fast)' in filled
+    assert filled.endswith('\n<!-- end -->\nb\n')
+    assert script.fill(filled, None) == page.replace('old', 'Not measured yet.')
+
+
+def test_sentences_follow_the_data(script: ModuleType) -> None:
+    """Busy or quiet, and how much two threads gain."""
+    row = {'processor_us': 10.0, 'memory_mb': 250, 'machine': '2 x Chip'}
+    row |= {'repeats': 5, 'count': 32_768}
+    rows = [
+        {**row, 'what': 'fleet', 'size': size, 'other': threads, 'wall_us': 20.0 / threads**0.5}
+        for size in (1, 64, 1024)
+        for threads in (1, 2)
+    ]
+    data = pd.DataFrame(rows).assign(load=[0.2, 0.4, 0.3, 0.2, 0.1, 4.5])
+    told = script.tell_machine(data)
+    assert '(of one minute, before each measurement) of 0.1 to 4.5. The machine was busy' in told
+    assert '0.2 to 0.4. The machine had little else to do.' in script.tell_machine(data[:3])
+    told = script.tell_fleet(data)
+    assert 'Two threads are 1.41 times as fast as one' in told
+    assert 'per second: 70,700, with 1 robots on 2 threads' in told
+    assert 'with 1,024 robots takes 250 MB' in told
+    assert told.startswith('With 32,768 robot-steps in each measurement: a robot-step takes 10 ')
 
 
 def test_sizes_are_those_of_the_page(script: ModuleType) -> None:
