@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_controllers.controller_host import check_period
 from spikelane_controllers.operations import Operations
 from spikelane_sim.encoding import EncodingParameters
 from spikelane_sim.errors import ParameterError
@@ -142,10 +143,13 @@ class ControllerFleet(Protocol):
         """
 
 
-def check_image(name: str, encoding: EncodingParameters, simulators: SimulatorFleet) -> None:
-    """Check that a controller's encoding is made for the camera's image.
+def check_made_for(
+    parameters: Any, name: str, encoding: EncodingParameters, simulators: SimulatorFleet
+) -> None:
+    """Check that a controller is made for the camera's image and the control period.
 
     Args:
+        parameters: Those of the controller.
         name: Name of the encoding among the controller's parameters.
         encoding: What the controller counts events in.
         simulators: Whose camera it is.
@@ -153,6 +157,7 @@ def check_image(name: str, encoding: EncodingParameters, simulators: SimulatorFl
     Raises:
         ParameterError: It is not.
     """
+    check_period(parameters, simulators.parameters.period_ms)
     camera = simulators.parameters.camera
     if (encoding.width, encoding.height) != (camera.width, camera.height):
         raise ParameterError(

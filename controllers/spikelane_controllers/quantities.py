@@ -4,7 +4,7 @@ A controller says itself what it offers: `shown.quantities` describes each quant
 offers any has a method `record(names)`, which begins to record these. From then on
 `shown.recorded` holds their samples of the last step, by name. Recording changes no answer.
 
-Time within a step is that of the network, counted from the beginning of the step of 50 ms whose
+Time within a step is that of the network, counted from the beginning of the step whose
 events drive it: that step ends at the observation's stamp.
 """
 
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.shown import shown_by
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.period import PERIOD_NS
 
 #: In place of names: everything that the controller offers.
 ALL = 'all'
@@ -45,7 +45,7 @@ class Quantity(NamedTuple):
         unit: Its unit; '1' where it has none, 'ns' for the times of spikes.
         axes: What one sample has values for. Of spikes: the one axis of what fires.
         offsets_ns: When in a step the samples are taken [ns after its beginning]; not used of
-            spikes.
+            spikes. One that is later than the step's end is at its end.
         is_spikes: Whether it is times of spikes, `SpikeTimes`, and not an array.
     """
 
@@ -53,7 +53,7 @@ class Quantity(NamedTuple):
     words: str
     unit: str
     axes: tuple[Axis, ...]
-    offsets_ns: tuple[int, ...] = (STEP_NS,)
+    offsets_ns: tuple[int, ...] = (PERIOD_NS,)
     is_spikes: bool = False
 
     @property
@@ -124,7 +124,7 @@ def _are_spikes(spikes: SpikeTimes, n_sources: int) -> bool:
     offsets_ns, sources = np.asarray(spikes.offsets_ns), np.asarray(spikes.sources)
     return bool(
         len(offsets_ns) == len(sources)
-        and ((offsets_ns >= 0) & (offsets_ns <= STEP_NS)).all()
+        and ((offsets_ns >= 0) & (offsets_ns <= PERIOD_NS)).all()
         and (np.diff(offsets_ns) >= 0).all()
         and ((sources >= 0) & (sources < n_sources)).all()
     )

@@ -1,4 +1,4 @@
-"""From a camera's events to steps of 50 ms: filtered, cropped, scaled, binned; see `sensor`."""
+"""From a camera's events to steps: filtered, cropped, scaled, binned; see `sensor`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spikelane_sim.codecs import DecodedPacket, Decoder, STAMP_TOLERANCE_NS
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events, no_events
 from spikelane_sim.filters import FilterStage
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.period import PERIOD_NS
 
 SOURCES = ('auto', 'simulator', 'camera')
 
@@ -163,6 +163,7 @@ class StepBinning:
         height: int,
         restarts: Counter[str],
         stage: FilterStage,
+        period_ns: int = PERIOD_NS,
     ) -> None:
         """Begin with nothing.
 
@@ -173,8 +174,10 @@ class StepBinning:
             height: Rows that it is scaled to [px].
             restarts: Counts how often steps restart, by the reason.
             stage: The filters that events go through, of the whole image.
+            period_ns: Length of a step.
         """
         self.decoder = Decoder(parameters.stamp_tolerance_ns)
+        self._period_ns = period_ns
         self._restarts = restarts
         self._stage = stage
         self._crop, self._size = crop, (width, height)
@@ -239,7 +242,7 @@ class StepBinning:
         begin_ns = stamp_ns
         if self._offset_ns is not None:
             ahead_ns = t_ns + self._offset_ns - self._latest_ns
-            if -STEP_NS <= ahead_ns <= self._pause_ns:
+            if -self._period_ns <= ahead_ns <= self._pause_ns:
                 return
             self._restarts[
                 "the sensor's time went back"
@@ -249,7 +252,7 @@ class StepBinning:
             # Not back in time where a pause is inside a packet.
             begin_ns = max(stamp_ns, self._latest_ns)
         self._offset_ns = begin_ns - t_ns
-        self._latest_ns, self._end_ns = begin_ns, begin_ns + STEP_NS
+        self._latest_ns, self._end_ns = begin_ns, begin_ns + self._period_ns
         self._gathered = []
         self._stage.reset()
 
@@ -260,6 +263,6 @@ class StepBinning:
         if self._one_per_pixel:
             events = first_per_pixel(events, *self._size)
         step = SensorStep(self._end_ns, events)
-        self._end_ns += STEP_NS
+        self._end_ns += self._period_ns
         self._gathered = []
         return step

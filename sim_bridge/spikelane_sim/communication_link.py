@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spikelane_sim.contract import STANDSTILL, STEP_NS, WheelVelocities
+from spikelane_sim.contract import STANDSTILL, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.parameters import NEXT_STEP, parameter, Parameters
-
-STEP_MS = STEP_NS // 1_000_000
+from spikelane_sim.period import PERIOD_MS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +27,7 @@ class LinkParameters(Parameters):
 
     latency_ms: int = parameter(
         0,
-        f'Latency added between an observation and its command; a multiple of {STEP_MS} ms.',
+        'Latency added between an observation and its command; a multiple of the control period.',
         unit='ms',
         low=0,
         high=60_000,
@@ -38,24 +37,31 @@ class LinkParameters(Parameters):
         0.0, 'Share of the events that is lost.', low=0.0, high=1.0, changes=NEXT_STEP
     )
 
-    def _check_relations(self) -> None:
-        # Robots are given one pair of velocities a step, so none can take effect within one.
-        if self.latency_ms % STEP_MS:
-            raise ParameterError(
-                f'latency_ms: expected a multiple of {STEP_MS} ms, got {self.latency_ms}'
-            )
+    def latency_steps(self, period_ms: int) -> int:
+        """Return the steps from an observation to its command, beyond the usual.
 
-    @property
-    def latency_steps(self) -> int:
-        """Steps from an observation to its command, beyond the usual."""
-        return self.latency_ms // STEP_MS
+        Args:
+            period_ms: Control period.
+
+        Raises:
+            ParameterError: The latency is no multiple of the period.
+        """
+        # Robots are given one pair of velocities a step, so none can take effect within one.
+        if self.latency_ms % period_ms:
+            raise ParameterError(
+                f'link.latency_ms: expected a multiple of {period_ms} ms, the control period, '
+                f'got {self.latency_ms}'
+            )
+        return self.latency_ms // period_ms
 
 
 class CommunicationLink:
     """Carries events to the controller and commands to the robot."""
 
-    def __init__(self, parameters: LinkParameters) -> None:
+    def __init__(self, parameters: LinkParameters, period_ms: int = PERIOD_MS) -> None:
         self.parameters = parameters
+        parameters.latency_steps(period_ms)  # refuses one that does not fit
+        self._period_ms = period_ms
         self._on_the_way: deque[WheelVelocities] = deque()
         self._arrived = STANDSTILL
         self._rng: np.random.Generator | None = None
@@ -77,6 +83,6 @@ class CommunicationLink:
     def carry_command(self, wheels: WheelVelocities) -> WheelVelocities:
         """Send a command; return the one that arrives."""
         self._on_the_way.append(wheels)
-        while len(self._on_the_way) > self.parameters.latency_steps:
+        while len(self._on_the_way) > self.parameters.latency_steps(self._period_ms):
             self._arrived = self._on_the_way.popleft()
         return self._arrived

@@ -18,10 +18,6 @@ from numpy.typing import NDArray
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 
-#: One step of simulation [ns] (paper section 3.2: an event frame every 50 ms).
-STEP_NS = 50_000_000
-STEP_S = STEP_NS / 1e9
-
 
 class WheelVelocities(NamedTuple):
     """Target velocities of the wheels.
@@ -96,7 +92,7 @@ class Observation(NamedTuple):
 
 
 class Robot(Protocol):
-    """A differential-drive robot, simulated in steps of 50 ms."""
+    """A differential-drive robot, simulated in steps of the control period."""
 
     def reset(self, x_m: float, y_m: float, heading_rad: float) -> None:
         """Place the robot, at rest."""

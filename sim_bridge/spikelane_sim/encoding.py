@@ -69,7 +69,7 @@ class StateImageParameters(EncodingParameters):
     )
     frames: int = parameter(
         10,
-        'Number of steps over which events are counted, the latest ones.',
+        'For how long events are counted, in steps of 50 ms whatever the control period.',
         low=1,
         high=1000,
         source='section 3.2',
@@ -120,12 +120,16 @@ class StateImage:
     """Counts of the last few steps: first in, first out; zeros before the first step.
 
     Args:
-        parameters: The cells, and how many steps count.
+        parameters: The cells, and how many steps of 50 ms count.
+        steps: How many steps these are; None with a control period of 50 ms.
     """
 
-    def __init__(self, parameters: StateImageParameters | None = None) -> None:
+    def __init__(
+        self, parameters: StateImageParameters | None = None, steps: int | None = None
+    ) -> None:
         self.parameters = parameters or StateImageParameters()
-        shape = (self.parameters.frames, self.parameters.rows, self.parameters.columns)
+        self._steps = self.parameters.frames if steps is None else steps
+        shape = (self._steps, self.parameters.rows, self.parameters.columns)
         self._frames = np.zeros(shape, np.int64)
         self._oldest = 0
 
@@ -137,7 +141,7 @@ class StateImage:
     def add(self, events: Events) -> None:
         """Take in the events of one step, (N,), and drop the oldest step."""
         self._frames[self._oldest] = count_events(events, self.parameters)
-        self._oldest = (self._oldest + 1) % self.parameters.frames
+        self._oldest = (self._oldest + 1) % self._steps
 
     @property
     def frames(self) -> Counts:

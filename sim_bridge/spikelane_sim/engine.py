@@ -20,11 +20,12 @@ class Engine(NamedTuple):
     """An engine.
 
     Attributes:
-        make: Makes a robot at the origin, from its parameters and the number of poses that
-            `step` returns. It may raise a ParameterError. It imports what takes long to import.
+        make: Makes a robot at the origin, from its parameters, the number of poses that `step`
+            returns, and the length of a step [s]. It may raise a ParameterError. It imports what
+            takes long to import.
         parameters_class: The engine's own parameters, `getattr(parameters, name)` for `make`;
             None where it has none.
     """
 
-    make: Callable[[RobotParameters, int], Robot]
+    make: Callable[[RobotParameters, int, float], Robot]
     parameters_class: type[Parameters] | None = None

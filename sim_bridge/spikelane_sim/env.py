@@ -50,10 +50,10 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
 
     ## Observation space
     `observation='state_image'`: Box(0, 1, (16, 32), uint8), 1 where a cell of 4 x 4 pixels had an
-    event in the last ten steps (the deep Q-network's state). `observation='spike_counts'`:
+    event in the last 0.5 s (the deep Q-network's state). `observation='spike_counts'`:
     Box(0, 256, (4, 8), int64), events of the last step in cells of 16 x 16 pixels (the spiking
     networks' input). `observation='event_image'`: Box(0, 255, (2, 128, 128), uint8), the numbers
-    of ON and OFF events of each pixel in the last ten steps, at most 255, for convolutional
+    of ON and OFF events of each pixel in the last 0.5 s, at most 255, for convolutional
     networks. `observation='sensors'`: Dict of `events`, the event image, and `wheels`,
     Box((2,), float32), the velocities that the wheels' encoders measure [rad/s], left and right.
     Row 0 of an image is the top one. No events after a reset.
@@ -61,7 +61,7 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
     ## Action space
     `actions='discrete'`: Discrete(3), 0 left, 1 straight, 2 right. `actions='wheels'`: Box of two
     target velocities [rad/s], left and right, up to the robot's limit. An action holds for
-    `task.steps_per_action` steps of 50 ms.
+    `task.steps_per_action` times 50 ms, whatever `simulator.period_ms` is.
 
     ## Reward
     After each action the sum of the terms in `info['reward_terms']`: `lane_centre`, the normal
@@ -121,6 +121,7 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         width, height = self._stage.size
         seen = dataclasses.replace(camera, width=width, height=height)
         self._observed = OBSERVATIONS[observation](dataclasses.replace(parameters, camera=seen))
+        self._steps_per_action = parameters.steps_of(self._task.steps_per_action)
         self._simulator = Simulator(parameters, sensors=self._observed.sensors)
         self.observation_space = self._observed.space
         self.action_space = actions_space(actions, parameters)
@@ -149,14 +150,14 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         return self._observed.value(), self._info(_lane(self._last))
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Hold an action for some steps of 50 ms; see the class.
+        """Hold an action for some steps; see the class.
 
         Raises:
             SpikelaneError: Not an action, the episode is over, or the environment is closed.
         """
         self._check_open('step')
         wheels = self._wheels(action)
-        for _ in range(self._task.steps_per_action):
+        for _ in range(self._steps_per_action):
             self._last = self._stage.observe(self._simulator.step(wheels))
             self._observed.add(self._last)
             if _lane(self._last).terminated:

@@ -29,7 +29,7 @@ _MOST_COUNTED = 255
 
 
 class EnvObservation(Protocol):
-    """Gathers steps of 50 ms into what the environment returns."""
+    """Gathers steps into what the environment returns."""
 
     @property
     def space(self) -> spaces.Space[Any]:
@@ -50,13 +50,14 @@ class EnvObservation(Protocol):
 
 
 class StateImageObservation:
-    """Cells of 4 x 4 pixels with an event in the last ten steps (the deep Q-network's state)."""
+    """Cells of 4 x 4 pixels with an event in the last 0.5 s (the deep Q-network's state)."""
 
     sensors = ('events',)
 
     def __init__(self, parameters: SimulatorParameters) -> None:
         camera = parameters.camera
-        self._image = StateImage(StateImageParameters(width=camera.width, height=camera.height))
+        cells = StateImageParameters(width=camera.width, height=camera.height)
+        self._image = StateImage(cells, parameters.steps_of(cells.frames))
         shape = (self._image.parameters.rows, self._image.parameters.columns)
         self.space = spaces.Box(0, 1, shape, np.uint8)
 
@@ -100,7 +101,7 @@ class SpikeCountsObservation:
 
 
 class EventImageObservation:
-    """ON and OFF events of each pixel in the last ten steps, an image for convolutions."""
+    """ON and OFF events of each pixel in the last 0.5 s, an image for convolutions."""
 
     sensors = ('events',)
 
@@ -110,7 +111,7 @@ class EventImageObservation:
         self.space = spaces.Box(0, _MOST_COUNTED, shape, np.uint8)
         # The window is that of the deep Q-network.
         frames = StateImageParameters(width=camera.width, height=camera.height).frames
-        self._places: deque[NDArray[np.int64]] = deque(maxlen=frames)
+        self._places: deque[NDArray[np.int64]] = deque(maxlen=parameters.steps_of(frames))
 
     def begin(self, observation: Observation) -> None:
         """Forget all steps: an episode's first observation has no events."""

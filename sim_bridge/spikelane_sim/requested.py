@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from spikelane_sim.contract import STANDSTILL, STEP_NS, WheelVelocities
+from spikelane_sim.contract import STANDSTILL, WheelVelocities
 
 
 class HeldCommand:
     """The last command, which holds where steps do not wait for an answer."""
 
-    def __init__(self, hold_ns: int | None) -> None:
+    def __init__(self, hold_ns: int | None, period_ns: int) -> None:
         """Begin at a standstill.
 
         Args:
             hold_ns: How long a command holds [ns of simulation time], at least for one step; None
                 for ever.
+            period_ns: Length of a step.
         """
-        self._hold_ns = None if hold_ns is None else max(hold_ns, STEP_NS)
+        self._hold_ns = None if hold_ns is None else max(hold_ns, period_ns)
         self._wheels, self._given_ns = STANDSTILL, 0
 
     def give(self, wheels: WheelVelocities, now_ns: int) -> None:

@@ -1,6 +1,6 @@
 """From the packets of any event camera to the steps that controllers are made for.
 
-A simulator sends one packet per step of 50 ms, of the size its controllers expect: it is decoded
+A simulator sends one packet per step, of the size its controllers expect: it is decoded
 and taken as it is; one of another size is refused. A real camera knows nothing of steps, has
 another size and a clock of its own:
 
@@ -15,7 +15,8 @@ another size and a clock of its own:
    here. A part of the image, in the shape that is wanted and as large as it fits in the middle
    unless another one is asked for, is scaled: column x becomes
    floor((x - left) width / crop_width), row y likewise. What is outside is left out.
-5. Step k has the events from s_0 + 50 k to s_0 + 50 (k + 1) ms, and that end for its stamp. It is
+5. With a control period T, step k has the events from s_0 + k T to s_0 + (k + 1) T, and that end
+   for its stamp. It is
    complete when the sensor's time has reached its end, which an event tells, or a time word of
    evt3 or libcaer_cmp without events. Steps without events are steps too, so that a controller
    goes on answering before a still scene. Where no packet comes at all there are no steps: the
@@ -43,10 +44,11 @@ import numba
 from spikelane_sim.binning import Crop, find_crop, SensorParameters, SensorStep, StepBinning
 from spikelane_sim.codecs import decode_packet, DecodedPacket
 from spikelane_sim.codecs.payload import Buffer, check_packet
-from spikelane_sim.contract import LaneState, STEP_NS
+from spikelane_sim.contract import LaneState
 from spikelane_sim.errors import PacketError, ParameterError
 from spikelane_sim.events import Events, no_events
 from spikelane_sim.filters import FilterParameters, FilterStage
+from spikelane_sim.period import PERIOD_NS
 
 
 class ReceivedPacket(NamedTuple):
@@ -80,6 +82,7 @@ class Sensor:
     """Makes steps of one camera's packets, as the module says.
 
     Attributes:
+        period_ns: Length of a step.
         packets: Taken.
         lost: Missing in the packets' numbering.
         faulty: Could not be decoded: a step without events, or nothing of a camera's step.
@@ -102,6 +105,7 @@ class Sensor:
         *,
         width: int = 128,
         height: int = 128,
+        period_ns: int = PERIOD_NS,
         has_lane: bool = False,
         any_size: bool = False,
         sums_events: bool = False,
@@ -115,6 +119,7 @@ class Sensor:
             filters: What events go through; None for no filter.
             width: Columns of the image that is wanted [px].
             height: Rows of the image that is wanted [px].
+            period_ns: Length of a step.
             has_lane: Whether lane states come with the packets, as from a simulator.
             any_size: Whether a simulator's image may have another size, as nobody looks at it.
             sums_events: Whether on, off, sum_x and sum_y are kept, to compare with other decoders.
@@ -131,6 +136,7 @@ class Sensor:
                 'source: expected auto or simulator where lane states are used, got camera'
             )
         self._size = (width, height)
+        self.period_ns = period_ns
         self._has_lane, self._any_size, self._sums_events = has_lane, any_size, sums_events
         self._on_fault, self._on_loss = on_fault, on_loss
         self._filters = filters or FilterParameters()
@@ -244,7 +250,7 @@ class Sensor:
         self._source = packet.encoding, packet.width, packet.height
         self._stamp_ns = packet.stamp_ns
         source = self.parameters.source
-        is_step = packet.stamp_ns - packet.time_base_ns == STEP_NS
+        is_step = packet.stamp_ns - packet.time_base_ns == self.period_ns
         self.is_camera = source == 'camera' or (
             source == 'auto' and not self._has_lane and not is_step
         )
@@ -258,7 +264,7 @@ class Sensor:
                 crop = find_crop(*self._stage.size, self.parameters, *self._size)
             self._stage.reset()
             self._binning = StepBinning(
-                self.parameters, crop, *self._size, self._restarts, self._stage
+                self.parameters, crop, *self._size, self._restarts, self._stage, self.period_ns
             )
             return
         if not has_size:

@@ -1,4 +1,4 @@
-"""The simulator: course, robot and event camera in steps of 50 ms, all chance from one seed."""
+"""The simulator: course, robot and event camera in steps of a period, all chance from one seed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from spikelane_sim.contract import (
     Observation,
     Robot,
     RobotState,
-    STEP_NS,
     WheelEncoders,
     WheelVelocities,
 )
@@ -76,8 +75,9 @@ class Simulator:
             parameters: All parameters; None for the defaults. Those that a given robot or camera
                 replaces have no effect, except for the robot's limit of wheel velocities and the
                 size of the image, which must be the camera's.
-            robot: The robot; the simulator closes it. Its steps have as many poses as
-                `parameters.pixels` has images in a step.
+            robot: The robot; the simulator closes it. Its steps last as long as
+                `parameters.period_ms` and have as many poses as `parameters.pixels` has images
+                in a step.
             camera: The camera.
             sensors: What observations have, of `contract.SENSORS`; events are always there.
 
@@ -227,8 +227,8 @@ class Simulator:
     def step(self, wheels: WheelVelocities) -> Observation:
         """Drive for one step with these target wheel velocities, or older ones (`link.py`).
 
-        Velocities that are not finite stop the wheels for this step, others are clipped to the
-        robot's limit; `command_counts` counts both.
+        They are multiplied by `parameters.speed`. Velocities that are not finite stop the wheels
+        for this step, others are clipped to the robot's limit; `command_counts` counts both.
 
         Raises:
             SpikelaneError: The episode is over, or none has begun.
@@ -281,7 +281,7 @@ class Simulator:
 
     def _take_changes(self, *, begins_episode: bool) -> bool:
         """Let changes take effect that were asked for; return whether any did."""
-        next_ns = self._time_ns + STEP_NS
+        next_ns = self._time_ns + self.parameters.period_ns
         if not self.changing.take_effect(next_ns, begins_episode=begins_episode):
             return False
         self.parameters = self.changing.parameters
@@ -291,7 +291,7 @@ class Simulator:
 
     def _observe(self, poses: NDArray[np.float64]) -> Observation:
         start_ns = self._time_ns
-        self._time_ns += STEP_NS
+        self._time_ns += self.parameters.period_ns
         events = self._devices.see(poses, start_ns, self._time_ns)
         encoders = None
         if self._has_encoders:
@@ -303,7 +303,8 @@ class Simulator:
         self._devices.change(parameters, self._courses[parameters.markings or parameters.course])
 
     def _admit(self, wheels: WheelVelocities) -> WheelVelocities:
-        left, right, became = admit(*wheels, self.parameters.robot.max_wheel_velocity_rad_s)
+        speed, limit = self.parameters.speed, self.parameters.robot.max_wheel_velocity_rad_s
+        left, right, became = admit(wheels.left * speed, wheels.right * speed, limit)
         counts = self.command_counts
         if became == NOT_FINITE:
             self.command_counts = counts._replace(not_finite=counts.not_finite + 1)

@@ -11,6 +11,7 @@ from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.conditions.perturbation import PerturbationParameters
 from spikelane_sim.conditions.randomisation import ENDS, RandomisationParameters
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
+from spikelane_sim.period import PERIOD_MS, TimedParameters
 from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.robots import P3DX, RobotParameters
 from spikelane_sim.robots.registry import values_of
@@ -33,14 +34,14 @@ class EpisodeParameters(Parameters):
     )
     max_steps: int = parameter(
         0,
-        'Number of steps of 50 ms after which the episode ends; 0: never.',
+        'Number of steps, each of a control period, after which the episode ends; 0: never.',
         low=0,
         high=2**31 - 1,
     )
     no_progress_steps: int = parameter(
         0,
         'The episode ends when the farthest progress along the lane has grown by less than '
-        'min_progress_m within this many steps of 50 ms; 0: never.',
+        'min_progress_m within this many steps, each of a control period; 0: never.',
         low=0,
         high=2**31 - 1,
     )
@@ -53,12 +54,12 @@ class EpisodeParameters(Parameters):
     )
 
 
-#: Most samples of the ground in a step of 50 ms; images with so many pixels take half a gigabyte.
+#: Most samples of the ground in a step; images with so many pixels take half a gigabyte.
 MOST_SAMPLES = 2**27
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatorParameters(Parameters):
+class SimulatorParameters(TimedParameters):
     """Everything that determines a simulation but its seed."""
 
     course: str = parameter(
@@ -68,6 +69,12 @@ class SimulatorParameters(Parameters):
         '',
         "Course whose markings are seen in place of the course's own, as `course`; its lanes must "
         'be the same.',
+    )
+    speed: float = parameter(
+        1.0,
+        'Factor on all wheel velocities of a controller, taken before the limit of the robot.',
+        low=0.01,
+        high=100.0,
     )
     episode: EpisodeParameters = nested(EpisodeParameters)
     robot: RobotParameters = nested(RobotParameters)
@@ -87,6 +94,7 @@ class SimulatorParameters(Parameters):
         return drive | {f'camera.{name}': value for name, value in model.camera.items()}
 
     def _check_relations(self) -> None:
+        self.link.latency_steps(self.period_ms)
         size = {'camera.width': self.camera.width, 'camera.height': self.camera.height}
         rows = ANTIALIAS_ROWS if self.camera.antialias else 1
         self.pixels.check_sizes(size)
@@ -137,7 +145,14 @@ def current_config(config: Mapping[str, Any]) -> dict[str, Any]:
     values = config.get('simulator')
     if not isinstance(values, Mapping):
         return dict(config)
-    found = SimulatorParameters.current(values)
+    # What earlier versions did not name was as the default is.
+    found = {'period_ms': PERIOD_MS, 'speed': 1.0, **SimulatorParameters.current(values)}
     if any(name.startswith(_ESIM) for name in found):  # all are there
         found = {**_FORMER, **found}
     return {**config, 'simulator': found}
+
+
+def period_ms_of(config: Mapping[str, Any]) -> int:
+    """Return the control period of a run, 50 ms where its configuration does not say any."""
+    values = config.get('simulator')
+    return int(values.get('period_ms', PERIOD_MS)) if isinstance(values, Mapping) else PERIOD_MS

@@ -79,7 +79,7 @@ class Stepper:
         self._state, self._phase = RunState.STOPPED, Phase.NONE
         self._observation: Observation | None = None  # None in the phase NONE alone
         self._answer: WheelVelocities | None = None  # of the phase ANSWERED
-        self._held = HeldCommand(hold_ns)
+        self._held = HeldCommand(hold_ns, simulator.parameters.period_ns)
         self._requested: RequestedSteps | None = None
         self._on_published: list[OnPublished] = []
         self.ignored_commands = 0

@@ -43,7 +43,7 @@ class DecisionParameters(ActionParameters):
 
     steps_per_action: int = parameter(
         10,
-        'Number of steps of 50 ms for which an action holds.',
+        'For how long an action holds, in steps of 50 ms whatever the control period.',
         low=1,
         high=1_000_000,
         source='paper section 3.2',

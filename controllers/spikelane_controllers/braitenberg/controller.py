@@ -38,10 +38,11 @@ from spikelane_controllers.spiking.recorded import (
     input_spikes_of,
     neuron_axis,
     potentials_of,
+    sample_offsets_ns,
     spike_times,
     spikes_of,
 )
-from spikelane_controllers.spiking.spikes import spike_counts, Spikes
+from spikelane_controllers.spiking.spikes import grid_steps, spike_counts, Spikes
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     MOTOR_NEURONS,
@@ -55,7 +56,8 @@ from spikelane_controllers.spiking.weights_by_hand import (
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.parameters import nested, parameter
+from spikelane_sim.period import TimedParameters
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,7 +69,7 @@ class BraitenbergPoisson(PoissonParameters):
     )
     max_events: int = parameter(
         10,
-        'Events in one cell and step at which an input reaches its largest rate.',
+        'Events in one cell and 50 ms at which an input reaches its largest rate.',
         low=1,
         high=1_000_000,
     )
@@ -92,7 +94,7 @@ class BraitenbergSteering(SteeringParameters):
 
     n_max: int = parameter(
         25,
-        'Spikes of a neuron in one step that count as full activity.',
+        'Spikes of a neuron in 50 ms that count as full activity.',
         low=1,
         high=10_000,
         source='equation of n_max',
@@ -100,7 +102,7 @@ class BraitenbergSteering(SteeringParameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BraitenbergParameters(Parameters):
+class BraitenbergParameters(TimedParameters):
     """The Braitenberg controller."""
 
     weights_pa: tuple[float, ...] = parameter(
@@ -125,7 +127,7 @@ class BraitenbergParameters(Parameters):
     steering: BraitenbergSteering = nested(BraitenbergSteering)
 
     def _check_relations(self) -> None:
-        check_spikes(self.poisson, self.encoding)
+        check_spikes(self.poisson, self.encoding, self.period_s)
         rows, columns = self.encoding.rows, self.encoding.columns
         if columns % 2:
             raise ParameterError(
@@ -149,10 +151,11 @@ def braitenberg_weights(parameters: BraitenbergParameters) -> NDArray[np.float64
     return mirrored(parameters.weights_pa, parameters.encoding.rows)
 
 
-def offered(encoding: EncodingParameters) -> tuple[Quantity, ...]:
+def offered(parameters: BraitenbergParameters) -> tuple[Quantity, ...]:
     """Return what the controller can record."""
-    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(encoding)
-    return spikes_of(neurons), input_spikes_of(inputs), potentials_of(neurons)
+    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(parameters.encoding)
+    potentials = potentials_of(neurons, sample_offsets_ns(parameters.period_ns))
+    return spikes_of(neurons), input_spikes_of(inputs), potentials
 
 
 class Braitenberg:
@@ -177,7 +180,8 @@ class Braitenberg:
         self.weights_pa = braitenberg_weights(self.parameters)
         self.constants = neuron_constants(self.parameters.neuron)
         self._delay = self.parameters.delays.steps
-        self._quantities = offered(self.parameters.encoding)
+        self._window = grid_steps('period_ms', self.parameters.period_ms)
+        self._quantities = offered(self.parameters)
         self._recording: frozenset[str] = frozenset()
         self.reset(np.random.default_rng(0))
 
@@ -215,17 +219,19 @@ class Braitenberg:
         """Answer one observation: its events drive the network for one step."""
         counts = count_events(observation.events, self.parameters.encoding)
         counts[: -self.parameters.lowest_rows] = 0
-        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self.rng)
+        share = self.parameters.share
+        rates_hz = firing_rates(counts, self.parameters.poisson, share)
+        inputs = poisson_spikes(rates_hz, self.rng, self._window)
         before = self.network
         self.network, fired = run_network(
-            before, inputs, self.weights_pa, self.constants, self._delay
+            before, inputs, self.weights_pa, self.constants, self._delay, self._window
         )
         if self._recording:
             self._keep(before, inputs, fired)
         self.spikes = spike_counts(fired, len(self.neurons))
         self.operations = self.operations_of(1, len(inputs))
         left, right = self.spikes
-        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
+        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering, share)
         return wheels  # type: ignore[no-any-return]  # numba carries no types
 
     def operations_of(self, decisions: int, inputs: int) -> Operations:
@@ -236,7 +242,7 @@ class Braitenberg:
     def _keep(self, before: NetworkState, inputs: Spikes, fired: Spikes) -> None:
         """Keep what is to be recorded of a step that began with a state of the network."""
         potentials = network_potentials(
-            before, inputs, self.weights_pa, self.constants, self._delay
+            before, inputs, self.weights_pa, self.constants, self._delay, self._window
         )
         samples: dict[str, Sample] = {
             'spikes': spike_times(fired),

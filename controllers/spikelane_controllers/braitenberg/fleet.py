@@ -17,7 +17,7 @@ from spikelane_controllers.spiking.fleet_kernel import (
 )
 from spikelane_controllers.spiking.network import NetworkState, run_kernel
 from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
-from spikelane_controllers.spiking.spikes import GRID_STEPS, SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.spikes import SPIKE_DTYPE, Spikes
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 from spikelane_sim.compiled import inner
 
@@ -103,6 +103,7 @@ def _advance(  # type: ignore[no-untyped-def]
 @inner
 def _answer(networks, motors, inputs, i):  # type: ignore[no-untyped-def]
     """Return the wheels' velocities with which robot i answers; see `Braitenberg.step`."""
+    window = motors.window
     neurons, in_flight, fired = run_kernel(
         networks.neurons[i],
         networks.flying[i, : networks.n_flying[i]],
@@ -110,7 +111,7 @@ def _answer(networks, motors, inputs, i):  # type: ignore[no-untyped-def]
         networks.weights_pa,
         networks.constants,
         networks.delay,
-        GRID_STEPS,
+        window,
     )
     for k in range(len(neurons)):
         networks.neurons[i, k] = neurons[k]

@@ -1,7 +1,7 @@
 """The deep Q-network controller: events of ten steps to one of three actions (section 3).
 
-At an episode's first observation and then every `task.steps_per_action` steps the counts of the
-last steps' events, taken as binary, are the state; an action is chosen and its wheel velocities
+At an episode's first observation and then every `task.steps_per_action` times 50 ms the counts of
+the last events, taken as binary, are the state; an action is chosen and its wheel velocities
 are held. While it learns it also explores: see `q_learning.py` for the recipe.
 """
 
@@ -72,6 +72,7 @@ class Dqn:
         inputs: That state, (n_inputs,).
         held: Steps since the action was chosen, -1 before an episode's first.
         image: Events of the last steps.
+        steps_per_action: How many steps of the control period an action holds.
         rng: Draws actions and transitions.
     """
 
@@ -86,7 +87,9 @@ class Dqn:
         """
         self.parameters = parameters or DqnParameters()
         self.learning = self.parameters.learning
-        self.image = StateImage(self.parameters.image)
+        image, task = self.parameters.image, self.parameters.task
+        self.image = StateImage(image, self.parameters.steps_of(image.frames))
+        self.steps_per_action = self.parameters.steps_of(task.steps_per_action)
         self._trained = self._trained_network()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))
@@ -150,7 +153,7 @@ class Dqn:
         self.operations = Operations()
         if self.held:  # an episode's first observation is before anything was done
             self.image.add(observation.events)
-            if self.held == self.parameters.task.steps_per_action or is_over:
+            if self.held == self.steps_per_action or is_over:
                 self._end_action(lane)
         if not self.held and not is_over:
             self.action = self._choose()

@@ -22,7 +22,7 @@ from spikelane_controllers.dqn.parameters import DqnParameters
 from spikelane_controllers.dqn.q_learning import rates_of
 from spikelane_controllers.dqn.q_network import flat_weights, network_operations
 from spikelane_controllers.dqn.update_kernel import make_learnt, shape_of
-from spikelane_controllers.fleet import check_image, Journey
+from spikelane_controllers.fleet import check_made_for, Journey
 from spikelane_controllers.operations import Operations
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.fleet.generators import Generators, TEMPLATE
@@ -57,7 +57,7 @@ class DqnFleet:
                 weights cannot be read.
         """
         self.check(parameters)
-        check_image('image', parameters.image, simulators)
+        check_made_for(parameters, 'image', parameters.image, simulators)
         number, image = len(simulators), parameters.image
         self.controllers = [Dqn(parameters) for _ in range(number)]
         self._parameters = parameters
@@ -182,7 +182,7 @@ def _make_setting(controller: Dqn) -> Setting:
     return Setting(
         image.crop_top,
         image.cell,
-        task.steps_per_action,
+        controller.steps_per_action,
         task.reward_sigma_m,
         np.array(wheels, np.float64),
         shape_of(controller.network),

@@ -11,6 +11,7 @@ from spikelane_controllers.dqn.q_network import MOST_WEIGHTS, QNetworkParameters
 from spikelane_sim.encoding import StateImageParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, Parameters
+from spikelane_sim.period import TimedParameters
 from spikelane_sim.task import DecisionParameters
 
 _TABLE = 'table "DQN parameters"'
@@ -115,7 +116,7 @@ class QLearningParameters(Parameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DqnParameters(Parameters):
+class DqnParameters(TimedParameters):
     """The deep Q-network controller."""
 
     learning: bool = parameter(

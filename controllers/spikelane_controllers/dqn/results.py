@@ -24,7 +24,9 @@ from spikelane_controllers.learning.results import (
 )
 from spikelane_controllers.learning.training import Termination
 from spikelane_controllers.saved_state import mapping, number, records
-from spikelane_sim.contract import STEP_S, TERMINATED_STEP_LIMIT
+from spikelane_sim.contract import TERMINATED_STEP_LIMIT
+from spikelane_sim.period import PERIOD_MS
+from spikelane_sim.simulator_parameters import current_config, period_ms_of
 
 
 class DqnResults(TrainingResults):
@@ -136,7 +138,8 @@ class DqnResults(TrainingResults):
         """
         course = self.course()
         radius_m = self.run.config['simulator']['robot.wheel_radius_m']
-        per_step_m = self.run.config[self.run.controller]['task.drive_rad_s'] * radius_m * STEP_S
+        wheel_rad_s = self.run.config[self.run.controller]['task.drive_rad_s'] * self._speed
+        per_step_m = wheel_rad_s * radius_m * self._period_s
         driven = 0
         for episode in self.terminations:
             needed = math.ceil(course.lane(episode.lane).length_m / per_step_m)
@@ -144,6 +147,14 @@ class DqnResults(TrainingResults):
                 return Time(driven + needed, True)
             driven += episode.episode_steps
         return Time(driven, False)
+
+    @property
+    def _speed(self) -> float:
+        return float(current_config(self.run.config)['simulator']['speed'])
+
+    @property
+    def _period_s(self) -> float:
+        return period_ms_of(self.run.config) / 1000
 
     @property
     def _driven_steps(self) -> int:
@@ -160,7 +171,7 @@ class DqnResults(TrainingResults):
         from spikelane_controllers.dqn.episodes_figure import draw_episodes
 
         steps = self.run.config[self.run.controller]['task.steps_per_action']
-        action_step = f'{steps * STEP_S:g} s ({steps} steps of {1000 * STEP_S:g} ms)'
+        action_step = f'{steps * PERIOD_MS / 1000:g} s ({steps} steps of {PERIOD_MS:g} ms)'
         return draw_episodes(self, tuple(self.course().lanes), action_step, path, title)
 
     def _draw_states(self, path: Path, title: str) -> tuple[Path, ...]:

@@ -87,14 +87,14 @@ class DqnTraining(Training):
 
     def steps_after(self, observations: int) -> int:
         """Return about how many steps there will be after so many observations more."""
-        return self.steps + observations // self.controller.parameters.task.steps_per_action
+        return self.steps + observations // self.controller.steps_per_action
 
     @property
     def observations_to_take(self) -> int:
         """How many observations there are until the next checkpoint, or until all is driven."""
         actions = 0 if self._is_due else self._steps_to_take
         # The answer to the observation that ends an action is the next action.
-        return actions * self.controller.parameters.task.steps_per_action - self.controller.held
+        return actions * self.controller.steps_per_action - self.controller.held
 
     def scalars(self) -> dict[str, float]:
         """Return what can be plotted of the last episodes, under Stable-Baselines3's names."""

@@ -2,13 +2,14 @@
 
 The events of each step make the rates of Poisson inputs. The network has one output neuron for
 each action; an action's trace counts its spikes and decays, and the robot does the action with
-the largest trace, which is chosen at each step of 50 ms.
+the largest trace, which is chosen at each step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
 import dataclasses
+import functools
 from typing import ClassVar
 
 import numpy as np
@@ -37,17 +38,18 @@ from spikelane_controllers.spiking.spikes import Spikes
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
 from spikelane_sim.events import no_events
-from spikelane_sim.parameters import check_size, nested, parameter, Parameters
+from spikelane_sim.parameters import check_size, nested, parameter
+from spikelane_sim.period import TimedParameters
 from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FrameParameters(StateImageParameters):
-    """What the inputs see: the cells of the Q-network, in one step rather than ten."""
+    """What the inputs see: the cells of the Q-network, over 50 ms rather than 0.5 s."""
 
     frames: int = parameter(
         1,
-        'Number of steps over which events are counted, the latest ones.',
+        'For how long events are counted, in steps of 50 ms whatever the control period.',
         low=1,
         high=1000,
         source='section 3.5',
@@ -55,7 +57,7 @@ class FrameParameters(StateImageParameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DqnSnnParameters(Parameters):
+class DqnSnnParameters(TimedParameters):
     """The DQN-SNN controller."""
 
     checkpoint: str = parameter(
@@ -65,7 +67,7 @@ class DqnSnnParameters(Parameters):
     )
     trace_decay: float = parameter(
         0.8,
-        'Factor by which an action trace decays in each step (c in the paper).',
+        'Factor by which an action trace decays in 50 ms (c in the paper).',
         low=0.0,
         high=1.0,
         source="the authors' program",
@@ -83,8 +85,18 @@ class DqnSnnParameters(Parameters):
 
     def _check_relations(self) -> None:
         inputs = self.encoding.rows * self.encoding.columns
-        steps = {'time steps (neurons.simulated_ms, neurons.step_ms)': self.neurons.steps}
+        steps = {'time steps (neurons.simulated_ms, neurons.step_ms)': self.step_neurons.steps}
         check_size('numbers drawn in a step', {**steps, 'inputs (encoding)': inputs}, 1e7)
+
+    @functools.cached_property
+    def step_neurons(self) -> IntegrateAndFireParameters:
+        """The neurons as they are simulated in a step: simulated_ms is for 50 ms.
+
+        Raises:
+            ParameterError: That is no whole number of time steps.
+        """
+        simulated_ms = self.neurons.simulated_ms * self.share
+        return dataclasses.replace(self.neurons, simulated_ms=simulated_ms)
 
 
 def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:
@@ -118,12 +130,15 @@ def offered(parameters: DqnSnnParameters, n_hidden: int) -> tuple[Quantity, ...]
     """Return what the controller can record; hidden neurons are 'hidden 0' and so on."""
     hidden = [f'hidden {index}' for index in range(n_hidden)]
     neurons, inputs = neuron_axis((*hidden, *ACTIONS)), input_axis(parameters.encoding)
-    steps = range(1, parameters.neurons.steps + 1)
+    steps = range(1, parameters.step_neurons.steps + 1)
+    traces = Axis('action', ACTIONS)
     return (
         spikes_of(neurons),
         input_spikes_of(inputs),
         potentials_of(neurons, tuple(step * _grid_ns(parameters) for step in steps)),
-        Quantity('action_traces', 'traces of the actions', '1', (Axis('action', ACTIONS),)),
+        Quantity(
+            'action_traces', 'traces of the actions', '1', (traces,), (parameters.period_ns,)
+        ),
     )
 
 
@@ -158,8 +173,9 @@ class DqnSnn:
             self.parameters.checkpoint, encoding.rows * encoding.columns, len(self.neurons)
         )
         self._per_event = value_per_event(self.parameters, transferred.scale)
-        self._network = IntegrateAndFire(transferred.network, self.parameters.neurons)
-        self._image = StateImage(encoding)
+        self._network = IntegrateAndFire(transferred.network, self.parameters.step_neurons)
+        self._decay = self.parameters.trace_decay**self.parameters.share
+        self._image = StateImage(encoding, self.parameters.steps_of(encoding.frames))
         self._quantities = offered(self.parameters, len(transferred.network.hidden_weights))
         self._recording: frozenset[str] = frozenset()
         self.reset(np.random.default_rng(0))
@@ -198,14 +214,14 @@ class DqnSnn:
         """Answer one observation: its events drive the network for one step."""
         self._image.add(observation.events)
         values = input_values(self._image.counts, self._per_event)
-        inputs = input_spikes(values, self.parameters.neurons, self._rng)
+        inputs = input_spikes(values, self.parameters.step_neurons, self._rng)
         fired = self._run(inputs)
         hidden = len(fired.hidden)
         synaptic = len(inputs) * hidden + int(fired.hidden.sum()) * len(self.neurons)
         self.operations = Operations(decisions=1, synaptic=synaptic)
         counts = fired.output.sum(axis=0, dtype=np.int64)
         self.spikes = tuple(counts.tolist())
-        self.traces = self.parameters.trace_decay * self.traces + counts
+        self.traces = self._decay * self.traces + counts
         self.action = int(np.argmax(self.traces))
         if 'action_traces' in self._recording:
             self._recorded['action_traces'] = self.traces[None]

@@ -38,7 +38,7 @@ class IntegrateAndFireParameters(Parameters):
 
     simulated_ms: float = parameter(
         10.0,
-        'Time that the neurons are simulated for each step of 50 ms.',
+        'Time that the neurons are simulated for each 50 ms, in shorter steps their share of it.',
         unit='ms',
         low=1e-3,
         high=1e6,

@@ -36,7 +36,6 @@ from spikelane_controllers.dqn_snn.transferred import (
     read_transferred,
     Transferred,
 )
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_bytes_atomically
 from spikelane_sim.task import action_wheels, ACTIONS
@@ -122,7 +121,7 @@ def _metadata(transferred: Transferred, parameters: DqnSnnParameters) -> dict[st
         'format_version': FORMAT_VERSION,
         'description': 'Spikelane DQN-SNN: Poisson inputs, one output neuron for each action',
         **_inputs(transferred.scale, parameters),
-        **_time(parameters.neurons),
+        **_time(parameters.step_neurons, parameters.period_s),
         **_decision(parameters),
     }
     return metadata | ({'v_min': 0.0} if parameters.neurons.clamped else {})
@@ -140,17 +139,17 @@ def _inputs(scale: InputScale, parameters: DqnSnnParameters) -> dict[str, Any]:
         'input_rows': encoding.rows,
         'input_columns': encoding.columns,
         'input_order': 'rows from the top, in each row columns from the left',
-        'input_frames': encoding.frames,
+        'input_frames': parameters.steps_of(encoding.frames),
         'input_value_per_event': value_per_event(parameters, scale),
         'scale_frames': scale.frames,
         'scale_maximum': scale.maximum,
     }
 
 
-def _time(neurons: IntegrateAndFireParameters) -> dict[str, Any]:
+def _time(neurons: IntegrateAndFireParameters, period_s: float) -> dict[str, Any]:
     """Describe what happens in a time step."""
     return {
-        'observation_period_s': STEP_S,
+        'observation_period_s': period_s,
         'dt': neurons.step_ms / 1000,
         'time_steps_per_observation': neurons.steps,
         'input_max_rate_hz': neurons.max_rate_hz,
@@ -167,7 +166,7 @@ def _decision(parameters: DqnSnnParameters) -> dict[str, Any]:
     return {
         'actions': ' '.join(ACTIONS),
         'initial_trace': 0.0,
-        'trace_decay': parameters.trace_decay,
+        'trace_decay': parameters.trace_decay**parameters.share,
         'decision_rule': 'the largest trace, the first of equal ones',
         'action_left_wheel_rad_s': [each.left for each in wheels],
         'action_right_wheel_rad_s': [each.right for each in wheels],

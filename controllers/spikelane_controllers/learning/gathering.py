@@ -75,8 +75,9 @@ def gather_states(
     # Seeds are padded with zeros: so begins the simulator's generator in episode 2, too, whose
     # noise, if there is any, comes of the same numbers. Another one would gather other states.
     rng = np.random.default_rng([seed, 2])
+    period = simulator.parameters
     host = ControllerHost(controller, seed)
-    image = StateImage(parameters.encoding)
+    image = StateImage(parameters.encoding, period.steps_of(parameters.encoding.frames))
     cells = parameters.encoding.rows * parameters.encoding.columns
     counts = np.empty((parameters.states, cells), np.uint8)
     episodes = np.empty(parameters.states, np.int64)
@@ -105,7 +106,7 @@ def _act(
     Returns:
         What is observed then; the first observation of the next episode where this one has ended.
     """
-    for _ in range(parameters.steps_per_action):
+    for _ in range(simulator.parameters.steps_of(parameters.steps_per_action)):
         wheels = host.step(observation)
         observation = simulator.step(wheels if drawn is None else action_wheels(drawn, parameters))
         image.add(observation.events)

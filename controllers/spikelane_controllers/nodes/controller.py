@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from spikelane_msgs.msg import LaneState, WheelVelocities
 
-from spikelane_controllers.controller_host import ControllerHost, image_size
+from spikelane_controllers.controller_host import ControllerHost, image_size, period_ms_of
 from spikelane_controllers.nodes.controller_parameters import (
     ControllerNodeParameters,
     RELIABILITIES,
@@ -45,6 +45,7 @@ from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.waiting import publishers_of
 from spikelane_sim.parameter_changes import changeable_specs
 from spikelane_sim.parameters import Parameters
+from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.sensor import Sensor
 
 RELIABLE_10 = QoSProfile(depth=10)
@@ -77,7 +78,8 @@ class ControllerNode(ParameterNode):
         self._settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
-        self._host = ControllerHost(self._controller, self._settings.seed, self._changeable())
+        seed, period_ms = self._settings.seed, self._period_ms
+        self._host = ControllerHost(self._controller, seed, self._changeable(), period_ms)
         self._changes = self._let_change()
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None
@@ -198,6 +200,7 @@ class ControllerNode(ParameterNode):
             self, cls.parameters_class, may_change=self._may_change
         )
         self._image_size = image_size(parameters)
+        self._period_ms = period_ms_of(parameters)
         warm_up(cls(parameters), self._image_size, self._settings.filter)
         return cls(parameters)
 
@@ -226,6 +229,7 @@ class ControllerNode(ParameterNode):
             self._settings.filter,
             width=width,
             height=height,
+            period_ns=1_000_000 * (self._period_ms or PERIOD_MS),
             has_lane=self._settings.use_lane_state,
             on_fault=self._report_fault,
             on_loss=self._report_lost,
@@ -326,7 +330,7 @@ class ControllerNode(ParameterNode):
                 'of a packet; a camera publishes no lane states: use_lane_state:=false'
             )
         else:
-            lacks = 'no step of 50 ms is complete: the time in the packets does not advance'
+            lacks = 'no step is complete: the time in the packets does not advance'
         return f'waiting for observations: {lacks}; {received}'
 
     def _wrap_driver(self, name: str, driver: Controller) -> Controller:
@@ -361,15 +365,10 @@ class ControllerNode(ParameterNode):
     def _on_packet(self, packet: EventPacket) -> None:
         self._received += 1
         self._hear(topic_names.EVENTS)
-        try:
-            if self._settings.use_lane_state:
-                self._groups.add(2 if self._has_encoders else 1, packet)
-            else:
-                self._on_observation(None, packet)
-        except ParameterError as error:  # no such part of an image, or not the size wanted
-            self.get_logger().fatal(f'sensor: {error}')
-            self.exit_status = 2
-            self.context.try_shutdown()
+        if self._settings.use_lane_state:
+            self._groups.add(2 if self._has_encoders else 1, packet)
+        else:
+            self._on_observation(None, packet)
 
     def _on_observation(self, lane: LaneState | None, packet: EventPacket) -> None:
         identity = _Identity(messages.to_stamp_ns(packet.header.stamp), packet.seq)
@@ -377,25 +376,30 @@ class ControllerNode(ParameterNode):
             self._send_answer()
             return
         self._seen = identity
-        state = None if lane is None else messages.lane_state_from_message(lane)
-        before = self._sensor.events_in
-        steps = self._sensor.add(messages.received_packet(packet), state)
-        if self._base is not None:
-            self._base.hear(topic_names.EVENTS, self._sensor.events_in - before)
-        for step in steps:
-            with self._lock:
-                if self._is_halted:
-                    return
-                observation = self._observation(step, state)
-                if observation is None:
-                    continue
-                self._step(observation)
-                self._lane = lane or observation.lane
-                self._is_answered, self._is_sent = True, False
-                self._steps += 1
-                self._publish_answer()
-                if self._base is not None:
-                    self._base.drive(messages.wheels_from_message(self._answer))
+        try:
+            state = None if lane is None else messages.lane_state_from_message(lane)
+            before = self._sensor.events_in
+            steps = self._sensor.add(messages.received_packet(packet), state)
+            if self._base is not None:
+                self._base.hear(topic_names.EVENTS, self._sensor.events_in - before)
+            for step in steps:
+                with self._lock:
+                    if self._is_halted:
+                        return
+                    observation = self._observation(step, state)
+                    if observation is None:
+                        continue
+                    self._step(observation)
+                    self._lane = lane or observation.lane
+                    self._is_answered, self._is_sent = True, False
+                    self._steps += 1
+                    self._publish_answer()
+                    if self._base is not None:
+                        self._base.drive(messages.wheels_from_message(self._answer))
+        except ParameterError as error:  # not the image's size or part, or not the period wanted
+            self.get_logger().fatal(f'sensor: {error}')
+            self.exit_status = 2
+            self.context.try_shutdown()
 
     def _observation(
         self, step: SensorStep, state: contract.LaneState | None

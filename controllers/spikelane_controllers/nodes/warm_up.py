@@ -14,13 +14,13 @@ from spikelane_sim.contract import (
     controller_rng,
     Observation,
     sensors_of,
-    STEP_NS,
     WheelEncoders,
 )
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import no_events
 from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.nodes import conversions
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.sensor import Sensor
 
 
@@ -33,7 +33,7 @@ def warm_up(
     """
     width, height = image_size
     packet = EventPacket(width=width, height=height)
-    conversions.fill_event_packet(packet, no_events(), STEP_NS, 0, 'evt3')
+    conversions.fill_event_packet(packet, no_events(), PERIOD_NS, 0, 'evt3')
     lane = messages.lane_state_from_message(LaneState())
     still = WheelEncoders((0.0, 0.0), (0.0, 0.0))
     encoders = still if 'encoders' in sensors_of(controller) else None

@@ -52,10 +52,11 @@ from spikelane_controllers.spiking.recorded import (
     input_spikes_of,
     neuron_axis,
     potentials_of,
+    sample_offsets_ns,
     spike_times,
     spikes_of,
 )
-from spikelane_controllers.spiking.spikes import GRID_MS, spike_counts, Spikes
+from spikelane_controllers.spiking.spikes import GRID_MS, grid_steps, spike_counts, Spikes
 from spikelane_controllers.spiking.steering import (
     initial_steering,
     MOTOR_NEURONS,
@@ -67,6 +68,7 @@ from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import nested, NEXT_STEP, parameter, Parameters
+from spikelane_sim.period import TimedParameters
 
 _TABLE = 'table "Simulation parameters specification"'
 
@@ -95,7 +97,7 @@ class InitialWeights(Parameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RStdpParameters(Parameters):
+class RStdpParameters(TimedParameters):
     """The R-STDP controller."""
 
     learning: bool = parameter(False, 'Change the weights while driving.', changes=NEXT_STEP)
@@ -122,8 +124,8 @@ class RStdpParameters(Parameters):
     steering: SteeringParameters = nested(SteeringParameters)
 
     def _check_relations(self) -> None:
-        check_spikes(self.poisson, self.encoding)
-        synapse_rule(self.synapse, self.delays)
+        check_spikes(self.poisson, self.encoding, self.period_s)
+        synapse_rule(self.synapse, self.delays, self.window)
         self._check_bookkeeping()
         if self.initial_weights.low_pa < self.synapse.w_min_pa:
             raise ParameterError(
@@ -136,6 +138,11 @@ class RStdpParameters(Parameters):
                 f'{self.synapse.w_max_pa:g} pA, got {self.initial_weights.high_pa:g}'
             )
 
+    @property
+    def window(self) -> int:
+        """Length of a step [grid steps]."""
+        return grid_steps('period_ms', self.period_ms)
+
     def _check_bookkeeping(self) -> None:
         """Refuse neurons that can fire twice in an interval: NEST then learns other weights."""
         shortest_ms = self.neuron.t_ref_ms + GRID_MS
@@ -147,17 +154,18 @@ class RStdpParameters(Parameters):
             )
 
 
-def offered(encoding: EncodingParameters) -> tuple[Quantity, ...]:
+def offered(parameters: RStdpParameters) -> tuple[Quantity, ...]:
     """Return what the controller can record."""
-    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(encoding)
+    neurons, inputs = neuron_axis(MOTOR_NEURONS), input_axis(parameters.encoding)
+    end_ns = (parameters.period_ns,)
     synapses: tuple[Axis, ...] = (neurons, inputs)
     return (
         spikes_of(neurons),
         input_spikes_of(inputs),
-        potentials_of(neurons),
-        Quantity('traces', 'eligibility traces c of the synapses', '1', synapses),
+        potentials_of(neurons, sample_offsets_ns(parameters.period_ns)),
+        Quantity('traces', 'eligibility traces c of the synapses', '1', synapses, end_ns),
         Quantity('dopamine', "dopamine n at a neuron's synapses", '1/ms', (neurons,), (0,)),
-        Quantity('weights', 'weights of the synapses', 'pA', synapses),
+        Quantity('weights', 'weights of the synapses', 'pA', synapses, end_ns),
     )
 
 
@@ -192,9 +200,10 @@ class RStdp:
         self.parameters = parameters or RStdpParameters()
         self.learning = self.parameters.learning
         self._constants = neuron_constants(self.parameters.neuron)
-        self._rule = synapse_rule(self.parameters.synapse, self.parameters.delays)
+        self._window = self.parameters.window
+        self._rule = synapse_rule(self.parameters.synapse, self.parameters.delays, self._window)
         self._trained_pa = self._trained_weights()
-        self._quantities = offered(self.parameters.encoding)
+        self._quantities = offered(self.parameters)
         self._recording: frozenset[str] = frozenset()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))
@@ -252,7 +261,9 @@ class RStdp:
     def step(self, observation: Observation) -> WheelVelocities:
         """Answer one observation: its events drive the network, its distance is the reward."""
         counts = count_events(observation.events, self.parameters.encoding)
-        inputs = poisson_spikes(firing_rates(counts, self.parameters.poisson), self.rng)
+        share = self.parameters.share
+        rates_hz = firing_rates(counts, self.parameters.poisson, share)
+        inputs = poisson_spikes(rates_hz, self.rng, self._window)
         lane = observation.lane
         self.reward = math.nan if lane is None else self.parameters.c_r * lane.distance_m
         dopamine = self.reward if self.learning and lane is not None else 0.0
@@ -261,7 +272,7 @@ class RStdp:
         self.spikes = spike_counts(fired, len(self.neurons))
         self.operations = self.operations_of(1, len(inputs))
         left, right = self.spikes
-        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering)
+        self.steering, wheels = steer(self.steering, left, right, self.parameters.steering, share)
         return wheels  # type: ignore[no-any-return]  # numba carries no types
 
     def operations_of(self, decisions: int, inputs: int) -> Operations:
@@ -321,7 +332,7 @@ class RStdp:
         return fired
 
     def _in_progress(self, state: PlasticState) -> PlasticNetwork:
-        return PlasticNetwork(state, self._constants, self._rule)
+        return PlasticNetwork(state, self._constants, self._rule, self._window)
 
     @property
     def _shape(self) -> tuple[int, int]:

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.fleet_kernel import write_down
 from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
-from spikelane_controllers.spiking.spikes import GRID_STEPS
+from spikelane_controllers.spiking.spikes import grid_steps
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
 from spikelane_sim.compiled import inner
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import simulate
@@ -41,6 +40,8 @@ class Motors(NamedTuple):
         inputs: Spikes of the inputs in the last step, and since the row was loaded, (n_robots, 2).
         distance_m: Distance in the observation answered last, (n_robots,).
         chance: Addresses of the generators that inputs are drawn from, (n_robots,).
+        window: Length of a step [grid steps].
+        share: Length of a step in steps of 50 ms.
     """
 
     cells: Cells
@@ -53,10 +54,12 @@ class Motors(NamedTuple):
     inputs: NDArray[np.int64]
     distance_m: NDArray[np.float64]
     chance: NDArray[np.uintp]
+    window: int
+    share: float
 
 
 def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motors:
-    """Return what robots need whose parameters have encoding, poisson and steering."""
+    """Return what robots need whose parameters have encoding, poisson, steering and period_ms."""
     encoding: EncodingParameters = parameters.encoding
     poisson, steering = parameters.poisson, parameters.steering
     return Motors(
@@ -70,6 +73,8 @@ def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motor
         np.zeros((n_robots, 2), np.int64),
         np.zeros(n_robots),
         generators.addresses,
+        grid_steps('period_ms', parameters.period_ms),
+        parameters.share,
     )
 
 
@@ -80,7 +85,7 @@ def most_inputs(parameters: Any) -> int:
         parameters: Those of a controller with encoding and poisson.
     """
     encoding, poisson = parameters.encoding, parameters.poisson
-    mean = poisson.max_rate_hz * STEP_S * encoding.rows * encoding.columns
+    mean = poisson.max_rate_hz * parameters.period_s * encoding.rows * encoding.columns
     return int(mean + 20 * math.sqrt(mean + 1)) + 64
 
 
@@ -88,7 +93,8 @@ def most_inputs(parameters: Any) -> int:
 def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     """Return the spikes of robot i's inputs in a step."""
     rng = generator_at(template, motors.chance[i])
-    spikes = poisson_spikes(firing_rates(motors.counts[i], motors.scale), rng, GRID_STEPS)
+    rates_hz = firing_rates(motors.counts[i], motors.scale, motors.share)
+    spikes = poisson_spikes(rates_hz, rng, motors.window)
     motors.decisions[i] += 1
     motors.inputs[i, 0] = len(spikes)
     motors.inputs[i, 1] += len(spikes)
@@ -106,7 +112,8 @@ def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
             right += 1
     motors.spikes[i, 0], motors.spikes[i, 1] = left, right
     smoothed = motors.smoothed[i]
-    state, wheels = steer(SteeringState(smoothed[0], smoothed[1]), left, right, motors.steering)
+    before = SteeringState(smoothed[0], smoothed[1])
+    state, wheels = steer(before, left, right, motors.steering, motors.share)
     smoothed[0], smoothed[1] = state.speed, state.turn
     return wheels.left, wheels.right
 

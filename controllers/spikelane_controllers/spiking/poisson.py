@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.spikes import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.encoding import Counts, EncodingParameters
 from spikelane_sim.parameters import check_size, parameter, Parameters
 
@@ -34,7 +33,7 @@ class PoissonParameters(Parameters):
     )
     max_events: int = parameter(
         15,
-        'Events in one cell and step at which an input reaches its largest rate.',
+        'Events in one cell and 50 ms at which an input reaches its largest rate.',
         low=1,
         high=1_000_000,
         source=_TABLE,
@@ -48,7 +47,9 @@ class PoissonScale(NamedTuple):
     max_events: int
 
 
-def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) -> None:
+def check_spikes(
+    parameters: PoissonParameters, encoding: EncodingParameters, period_s: float
+) -> None:
     """Check that the spikes of all inputs can be drawn in a reasonable time.
 
     Raises:
@@ -58,7 +59,7 @@ def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) ->
     check_size(
         'comparisons in a step',
         {
-            'spikes (poisson.max_rate_hz)': parameters.max_rate_hz * STEP_S * inputs,
+            'spikes (poisson.max_rate_hz)': parameters.max_rate_hz * period_s * inputs,
             'inputs (encoding.width, encoding.height, encoding.cell)': inputs,
         },
         1e8,
@@ -66,18 +67,21 @@ def check_spikes(parameters: PoissonParameters, encoding: EncodingParameters) ->
 
 
 @register_jitable
-def firing_rates(counts: Counts, parameters: PoissonParameters) -> NDArray[np.float64]:
+def firing_rates(
+    counts: Counts, parameters: PoissonParameters, share: float = 1.0
+) -> NDArray[np.float64]:
     """Return the rate of each input [Hz]: max_rate_hz min(counts / max_events, 1).
 
     Args:
         counts: Events in each cell, (rows, columns).
         parameters: The scale; in a kernel a named tuple of the same fields.
+        share: Length of the step in steps of 50 ms, for which max_events is.
 
     Returns:
         Rates [Hz] in the order of rows, then columns, (rows * columns,).
     """
-    scale = parameters.max_rate_hz / parameters.max_events
-    return np.minimum(counts, parameters.max_events).ravel() * scale
+    most = parameters.max_events * share
+    return np.minimum(counts, most).ravel() * (parameters.max_rate_hz / most)
 
 
 @register_jitable

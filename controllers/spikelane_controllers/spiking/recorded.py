@@ -8,16 +8,17 @@ import numpy as np
 
 from spikelane_controllers.quantities import Axis, Quantity, SpikeTimes
 from spikelane_controllers.spiking.neuron import SAMPLE_STEPS
-from spikelane_controllers.spiking.spikes import GRID_MS, GRID_STEPS, Spikes
+from spikelane_controllers.spiking.spikes import GRID_MS, Spikes
 from spikelane_sim.encoding import EncodingParameters
 
 #: Grid on which neurons are integrated [ns].
 GRID_NS = round(GRID_MS * 1e6)
 
-#: When in a step potentials are sampled [ns after its beginning].
-SAMPLE_OFFSETS_NS = tuple(
-    GRID_NS * step for step in range(SAMPLE_STEPS, GRID_STEPS + 1, SAMPLE_STEPS)
-)
+
+def sample_offsets_ns(period_ns: int) -> tuple[int, ...]:
+    """Return when in a step of this length potentials are sampled [ns after its beginning]."""
+    interval_ns = GRID_NS * SAMPLE_STEPS
+    return tuple(range(interval_ns, period_ns + 1, interval_ns))
 
 
 def neuron_axis(neurons: Sequence[str]) -> Axis:
@@ -42,7 +43,7 @@ def input_spikes_of(inputs: Axis) -> Quantity:
     return Quantity('input_spikes', words, 'ns', (inputs,), is_spikes=True)
 
 
-def potentials_of(neurons: Axis, offsets_ns: tuple[int, ...] = SAMPLE_OFFSETS_NS) -> Quantity:
+def potentials_of(neurons: Axis, offsets_ns: tuple[int, ...]) -> Quantity:
     """Return the quantity of the neurons' membrane potentials."""
     return Quantity('potentials', 'membrane potentials', 'mV', (neurons,), offsets_ns)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.period import PERIOD_MS
 
 #: Grid on which the neurons are integrated [ms] (paper table: time resolution).
 GRID_MS = 0.1
-#: Grid steps in a step of the simulation.
-GRID_STEPS = round(STEP_S * 1000 / GRID_MS)
+#: Grid steps in a step of 50 ms.
+GRID_STEPS = round(PERIOD_MS / GRID_MS)
 
 #: A spike: its grid step, 0 the window's first, and the index of the input or neuron that fired.
 SPIKE_DTYPE = np.dtype([('step', '<i8'), ('source', '<i8')])

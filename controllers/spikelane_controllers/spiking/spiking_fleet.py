@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.fleet import check_image, Journey
+from spikelane_controllers.fleet import check_made_for, Journey
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.spiking.fleet_kernel import make_motors, repeat
 from spikelane_controllers.spiking.steering import SteeringState
@@ -39,7 +39,7 @@ class SpikingFleet:
         Raises:
             SpikelaneError: The image is not the camera's, or weights cannot be read.
         """
-        check_image('encoding', parameters.encoding, simulators)
+        check_made_for(parameters, 'encoding', parameters.encoding, simulators)
         number = len(simulators)
         self.controllers = [self.controller_class(parameters) for _ in range(number)]
         self._parameters = parameters

@@ -9,6 +9,9 @@ which are followed the faster the more active the neurons are,
     c = sqrt((m_left^2 + m_right^2) / 2),  v <- c V + (1 - c) v,  s <- c S + (1 - c) s,
 
 and the wheels turn at v + s (left) and v - s (right): a more active left neuron turns right.
+
+This is for steps of 50 ms. In a shorter step, of a share f of 50 ms, n_max is f times as large,
+and so is c: that much less time has passed in which v and s could follow.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ class SteeringParameters(Parameters):
 
     n_max: int = parameter(
         15,
-        'Spikes of a neuron in one step that count as full activity.',
+        'Spikes of a neuron in 50 ms that count as full activity.',
         low=1,
         high=10_000,
         source=_TABLE,
@@ -95,7 +98,11 @@ def initial_steering(parameters: SteeringParameters) -> SteeringState:
 
 @register_jitable
 def steer(
-    state: SteeringState, left_spikes: int, right_spikes: int, parameters: SteeringParameters
+    state: SteeringState,
+    left_spikes: int,
+    right_spikes: int,
+    parameters: SteeringParameters,
+    share: float = 1.0,
 ) -> tuple[SteeringState, WheelVelocities]:
     """Decode the spikes of one step.
 
@@ -108,15 +115,17 @@ def steer(
         left_spikes: Spikes of the left neuron in this step.
         right_spikes: Spikes of the right neuron.
         parameters: The steering model; in a kernel a named tuple of the same fields.
+        share: Length of the step in steps of 50 ms.
 
     Returns:
         The steering now, and the wheels' velocities that follow from it.
     """
-    left, right = left_spikes / parameters.n_max, right_spikes / parameters.n_max
+    n_max = parameters.n_max * share
+    left, right = left_spikes / n_max, right_spikes / n_max
     difference = left - right
     speed = parameters.v_max - abs(difference) * (parameters.v_max - parameters.v_min)
     turn = parameters.turn * difference
-    c = math.sqrt((left * left + right * right) / 2)
+    c = share * math.sqrt((left * left + right * right) / 2)
     state = SteeringState(
         c * speed + (1 - c) * state.speed,
         c * turn + (1 - c) * state.turn,

@@ -152,7 +152,8 @@ def synapse_rule(
         window: Length of the longest window to come [grid steps].
 
     Raises:
-        ParameterError: interval_ms is longer than the delay from relay to neuron.
+        ParameterError: interval_ms is longer than the delay from relay to neuron, or does not
+            divide the window.
     """
     interval = grid_steps('interval_ms', synapse.interval_ms)
     delay = grid_steps('to_neuron_ms', delays.to_neuron_ms)
@@ -160,6 +161,11 @@ def synapse_rule(
         raise ParameterError(
             f'interval_ms: expected at most the delay to_neuron_ms = {delays.to_neuron_ms:g} ms, '
             f'got {synapse.interval_ms:g}'
+        )
+    if window % interval:
+        raise ParameterError(
+            f'synapse.interval_ms: expected a divisor of {window * GRID_MS:g} ms, the control '
+            f'period, got {synapse.interval_ms:g}'
         )
     scalars = np.zeros(1, RULE_DTYPE)
     scalars['a_plus'], scalars['a_minus'] = synapse.a_plus, synapse.a_minus

@@ -21,9 +21,9 @@ from spikelane_sim.codecs.payload import (
     MAX_TIME_NS,
     NO_TIME,
 )
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import PacketError
 from spikelane_sim.events import EVENT_DTYPE, Events
+from spikelane_sim.period import PERIOD_NS
 
 #: A stamp may be this much earlier than the latest one before a camera's stream begins anew [ns].
 STAMP_TOLERANCE_NS = 500_000_000
@@ -41,7 +41,14 @@ class EncodedPacket(NamedTuple):
     data: bytes
 
 
-def encode(encoding: str, events: Events, stamp_ns: int, width: int, height: int) -> EncodedPacket:
+def encode(
+    encoding: str,
+    events: Events,
+    stamp_ns: int,
+    width: int,
+    height: int,
+    period_ns: int = PERIOD_NS,
+) -> EncodedPacket:
     """Encode the events of one step.
 
     The time base is the start of the step that the stamp ends, or the first event's time if that
@@ -55,6 +62,7 @@ def encode(encoding: str, events: Events, stamp_ns: int, width: int, height: int
         stamp_ns: The packet's stamp: simulation time at the end of the step.
         width: Columns of the sensor [px].
         height: Rows of the sensor [px].
+        period_ns: Length of a step.
 
     Raises:
         PacketError: The events are not valid for this sensor, or their times are more than the
@@ -65,7 +73,7 @@ def encode(encoding: str, events: Events, stamp_ns: int, width: int, height: int
         raise PacketError(f'event packet: expected to encode {ENCODABLE}, got {encoding!r}')
     events = _check_events(events)
     width, height, stamp_ns = int(width), int(height), int(stamp_ns)
-    begin_ns = max(0, stamp_ns - STEP_NS)
+    begin_ns = max(0, stamp_ns - period_ns)
     if len(events):
         begin_ns = min(begin_ns, int(events[0]['t']))
     base_ns = max(0, begin_ns)

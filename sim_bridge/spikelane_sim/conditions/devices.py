@@ -54,11 +54,12 @@ class Devices:
         for name in schedule.changing:
             if camera and name.startswith(('camera.', 'markings', 'course')):
                 raise ParameterError(f'{name}: expected no change of a camera that is given')
-        self.robot = robot or make_robot(parameters.robot, self._pixels.images_per_step)
+        images = self._pixels.images_per_step
+        self.robot = robot or make_robot(parameters.robot, images, parameters.period_s)
         self._wheels: UnequalWheels | None = None
         if schedule.has_wheel_errors:
             self.robot = self._wheels = UnequalWheels(self.robot)
-        self._link = CommunicationLink(parameters.link)
+        self._link = CommunicationLink(parameters.link, parameters.period_ms)
         self._dead: NDArray[np.bool_] | None = None
         self.change(parameters, course)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.parsing import parse_yaml, ParseError
@@ -57,10 +56,13 @@ class PerturbationParameters(Parameters):
         high=2**31 - 1,
     )
 
-    @property
-    def step(self) -> int:
-        """The step at whose beginning they change, the episode's first being step 1."""
-        return math.ceil(self.time_s / STEP_S - 1e-9) + 1
+    def step(self, period_s: float) -> int:
+        """Return the step at whose beginning they change, the episode's first being step 1.
+
+        Args:
+            period_s: Length of a step.
+        """
+        return math.ceil(self.time_s / period_s - 1e-9) + 1
 
     def values(self) -> dict[str, Any]:
         """Return the changed values under dotted names, as they are in the texts.

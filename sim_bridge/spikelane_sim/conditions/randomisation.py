@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from spikelane_sim.communication_link import STEP_MS
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.random_course import expand_courses
 
@@ -120,7 +119,8 @@ class RandomisationParameters(Parameters):
         around = [2 * each - 1 for each in u]
         threshold = 1 + self.threshold * around[1]
         names = self.course_names
-        latency_steps = int(u[8] * (self.latency_ms // STEP_MS + 1))
+        period_ms = int(values['period_ms'])
+        latency_steps = int(u[8] * (self.latency_ms // period_ms + 1))
         on, off = 'pixels.esim.threshold_on', 'pixels.esim.threshold_off'
         noise, shot = 'pixels.coppelia.noise_rate_hz', 'pixels.esim.shot_rate_hz'
         found = {
@@ -133,7 +133,7 @@ class RandomisationParameters(Parameters):
             'camera.z_m': values['camera.z_m'] + self.height_m * around[3],
             'camera.pitch_deg': values['camera.pitch_deg'] + self.pitch_deg * around[4],
             'camera.yaw_deg': values['camera.yaw_deg'] + self.yaw_deg * around[5],
-            'link.latency_ms': values['link.latency_ms'] + latency_steps * STEP_MS,
+            'link.latency_ms': values['link.latency_ms'] + latency_steps * period_ms,
             'link.event_loss': min(1.0, values['link.event_loss'] + self.event_loss * u[9]),
         }
         for name, width, share in (

@@ -86,10 +86,11 @@ class Schedule:
             values = {**values, **drawn}
             first = SimulatorParameters.from_mapping({**values, **_CHECKED})
         perturbation = self.parameters.perturbation
+        step = perturbation.step(self.parameters.period_s)
         if not self._changes or episode < perturbation.episode:
             return Phases(first, None, 0)
         changed = {**values, **self._changes, **_CHECKED}
         then = SimulatorParameters.from_mapping(changed)
-        if episode > perturbation.episode or perturbation.step == 1:
+        if episode > perturbation.episode or step == 1:
             return Phases(then, None, 0)
-        return Phases(first, then, perturbation.step)
+        return Phases(first, then, step)

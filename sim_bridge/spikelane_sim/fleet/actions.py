@@ -94,7 +94,7 @@ def hold(  # type: ignore[no-untyped-def]
         places: The same, where there is room for any.
         wheels: Velocities asked of the wheels [rad/s], (n_robots, 2).
         is_driving: Which robots drive, (n_robots,).
-        steps: How many steps of 50 ms.
+        steps: How many steps.
         first: First of the robots.
         last: The robot after the last one.
     """

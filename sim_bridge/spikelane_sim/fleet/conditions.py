@@ -94,7 +94,7 @@ def write_condition(
     row['noise_rate_hz'] = pixels.coppelia.noise_rate_hz
     row['leak_rate_hz'], row['shot_rate_hz'] = pixels.esim.leak_rate_hz, pixels.esim.shot_rate_hz
     row['event_loss'] = parameters.link.event_loss
-    row['latency_steps'] = parameters.link.latency_steps
+    row['latency_steps'] = parameters.link.latency_steps(parameters.period_ms)
     row['left'], row['right'], row['track'] = robot_of.wheel_errors
     conditions.lens[robot, phase] = make_lens(camera)
     seen = (camera.background_intensity, ground.floor_intensity, ground.marking_intensity)

@@ -1,4 +1,4 @@
-"""One robot of a fleet through one step of 50 ms, compiled.
+"""One robot of a fleet through one step, compiled.
 
 What happens in a step is what `Simulator.step` does, in the same order and with the same
 functions: the command is admitted and carried, the robot moves, is located, its progress is
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fire_planes, render_planes
 from spikelane_sim.compiled import inner
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.curve import nearest_on_curve
 from spikelane_sim.episode_rules import (
     admit,
@@ -41,8 +40,6 @@ from spikelane_sim.raster import render
 from spikelane_sim.robots.kinematic import drive_arc
 from spikelane_sim.robots.rigid import drive_step
 from spikelane_sim.robots.wheel_errors import nominal_velocities, WheelErrors
-
-_STEP_US = STEP_NS // 1000
 
 #: What is known of a robot: its course and lane, where it is on it, and what became of commands.
 ROBOT_DTYPE = np.dtype(
@@ -183,8 +180,8 @@ def simulate(  # type: ignore[no-untyped-def]
     Raises:
         SpikelaneError: More events wait for the latency of the pixels than there is room for.
     """
-    known = robots.known[i]
-    left, right, became = admit(left, right, world.max_wheel_velocity_rad_s)
+    known, limit = robots.known[i], world.max_wheel_velocity_rad_s
+    left, right, became = admit(left * world.speed, right * world.speed, limit)
     known.not_finite += became == NOT_FINITE
     known.clipped += became == CLIPPED
     step = robots.conditions.step[i]
@@ -263,12 +260,12 @@ def _move(world, motion, poses, left, right):  # type: ignore[no-untyped-def]
     turn = (right - left) * drive.radius_m / drive.track_m
     start = (motion[X], motion[Y], motion[HEADING])
     driven, x_m, y_m, heading_rad = drive_arc(
-        start, forward, turn, drive.axle_x_m, drive.height_m, poses.shape[0]
+        start, forward, turn, drive.axle_x_m, drive.height_m, poses.shape[0], world.period_s
     )
     poses[:] = driven
     motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
-    motion[LEFT] += left * (STEP_NS / 1e9)
-    motion[RIGHT] += right * (STEP_NS / 1e9)
+    motion[LEFT] += left * world.period_s
+    motion[RIGHT] += right * world.period_s
 
 
 @inner
@@ -306,7 +303,7 @@ def _see(world, robots, scratch, i, phase):  # type: ignore[no-untyped-def]
     """
     known = robots.known[i]
     _render(world, robots, scratch, i, phase, robots.poses[i, -1])
-    end_ns = (known.step + 1) * STEP_NS
+    end_ns = (known.step + 1) * world.period_ns
     if world.has_planes:
         intensities = robots.conditions.seen[i, phase]
         return fire_planes(robots.planes[i], scratch.planes, intensities, end_ns, scratch.events)
@@ -335,9 +332,10 @@ def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no
         rows.last_event_us[i],
     )
     crossings, count, seen_us = scratch.crossings, 0, 0.0
+    step_us = world.period_ns // 1000
     for k in range(poses.shape[0]):
         _render(world, robots, scratch, i, phase, poses[k])
-        time_us = (k + 1) * _STEP_US / poses.shape[0]
+        time_us = (k + 1) * step_us / poses.shape[0]
         crossings, count = cross_image(
             scratch.image.ravel(),
             pixels,
@@ -350,13 +348,13 @@ def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no
         seen_us = time_us
     rng = generator_at(template, robots.noise[i])
     # Time since the episode began; its first observation took one step.
-    start_us = known.step * _STEP_US
+    start_us = known.step * step_us
     constants = with_rates(world.esim, robots.conditions.numbers[i, phase])
-    events = emit(constants, pixels, crossings, count, rng, 0, _STEP_US, start_us)
+    events = emit(constants, pixels, crossings, count, rng, 0, step_us, start_us)
     if world.esim.latency_us == 0:
         return events
     waiting = robots.waiting[i]
-    events, later = deliver(waiting[: known.n_waiting], events, (start_us + _STEP_US) * 1000)
+    events, later = deliver(waiting[: known.n_waiting], events, (start_us + step_us) * 1000)
     if len(later) > len(waiting):
         raise SpikelaneError(
             'pixels.esim.latency_s: expected fewer events waiting than a fleet has room for'
@@ -374,15 +372,16 @@ def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-u
     The draws are those of `noise.draw_shot`, one by one.
     """
     size = world.width * world.height
-    drawn = rng.poisson(rate_hz * size * _STEP_US * 1e-6)
+    step_us = world.period_ns // 1000
+    drawn = rng.poisson(rate_hz * size * step_us * 1e-6)
     if drawn == 0:
         return number
-    rng.integers(0, _STEP_US, drawn)
+    rng.integers(0, step_us, drawn)
     pixels = rng.integers(0, size, drawn)
     polarity = 2 * rng.integers(0, 2, drawn) - 1
     rng.random(drawn)
     events, taken = scratch.events, scratch.polarity
-    end_ns = (step + 1) * STEP_NS
+    end_ns = (step + 1) * world.period_ns
     for k in range(number):
         taken[np.int64(events[k].y) * world.width + np.int64(events[k].x)] = events[k].polarity
     for k in range(drawn):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from spikelane_sim.bit_planes import words_of
 from spikelane_sim.conditions.courses import load_courses
 from spikelane_sim.conditions.schedule import Phases, Schedule
-from spikelane_sim.contract import LaneState, link_rng, simulator_rng, STEP_NS, STEP_S
+from spikelane_sim.contract import LaneState, link_rng, simulator_rng
 from spikelane_sim.course import Course
 from spikelane_sim.episode_rules import check_beginning, REASONS
 from spikelane_sim.errors import SpikelaneError
@@ -274,7 +274,7 @@ class SimulatorFleet:
         """Let the pixels of a robot see its first image."""
         pixels.adopt(parameters)
         pixels.reset(self.noise[robot])
-        pixels.step(self._scratch.image[None], 0, STEP_NS)
+        pixels.step(self._scratch.image[None], 0, self.world.period_ns)
         rows: tuple[NDArray[Any], ...] = self.robots.esim
         for row, values in zip(rows, pixels.pixels, strict=True):
             row[robot] = values
@@ -325,8 +325,8 @@ def _most_waiting(world: World) -> int:
         return 0
     size = world.height * world.width
     rate_hz = world.most_esim_noise_hz * size + esim.hot_rate_hz * len(esim.hot)
-    steps = -(-esim.latency_us * 1000 // STEP_NS)
-    noise = rate_hz * STEP_S * steps
+    steps = -(-esim.latency_us * 1000 // world.period_ns)
+    noise = rate_hz * world.period_s * steps
     return int(2 * size * steps + noise + 20 * math.sqrt(noise + 1))
 
 

@@ -141,11 +141,13 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
         camera = parameters.camera
         window = StateImageParameters(width=camera.width, height=camera.height)
         coarse = EncodingParameters(width=camera.width, height=camera.height)
+        frames = parameters.steps_of(window.frames)
+        self._steps_per_action = parameters.steps_of(self._task.steps_per_action)
         has_image = observation in ('event_image', 'sensors')
         encoding = coarse if observation == 'spike_counts' else window
-        self._cells = make_cells(num_envs, encoding, window.frames)
+        self._cells = make_cells(num_envs, encoding, frames)
         pixels = camera.width * camera.height if has_image else 0
-        self._places = make_places(num_envs, window.frames, pixels)
+        self._places = make_places(num_envs, frames, pixels)
         self._image_shape = (2, camera.height, camera.width)
         self._threads = Threads(threads, num_envs, self._fleet.world)
         self._wheels_of_actions = np.array(
@@ -198,7 +200,7 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
             raise SpikelaneError('step: expected environments whose episodes are not over')
         for i in np.flatnonzero(self._is_over).tolist():
             self._begin(i, None, None)
-        steps = self._task.steps_per_action
+        steps = self._steps_per_action
         self._threads.run(
             lambda first, last, scratch: hold(
                 self._fleet.world,

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fires_always
 from spikelane_sim.camera import ANTIALIAS_ROWS, seen_ground
-from spikelane_sim.communication_link import STEP_MS
 from spikelane_sim.conditions.schedule import Schedule
 from spikelane_sim.course import Course
 from spikelane_sim.errors import ParameterError
@@ -66,8 +65,9 @@ class World(NamedTuple):
         engine: Index in `ENGINES`.
         drive: For the engine kinematic.
         body: For the engine rigid.
-        substeps: Steps of the physics in a step of 50 ms.
+        substeps: Steps of the physics from one pose to the next.
         max_wheel_velocity_rad_s: The robot's limit.
+        speed: Factor on all velocities asked of the wheels.
         limits: When an episode ends.
         dark_intensity: See `CoppeliaParameters`.
         has_esim: Whether the pixels are those of `esim`.
@@ -80,6 +80,8 @@ class World(NamedTuple):
         most_latency_steps: The longest latency.
         most_noise_hz: The largest rate of noise of a pixel.
         most_esim_noise_hz: The same of leak and shot noise with `esim`.
+        period_ns: Length of a step.
+        period_s: The same.
     """
 
     pieces: NDArray[np.float64]
@@ -98,6 +100,7 @@ class World(NamedTuple):
     body: RigidBody
     substeps: int
     max_wheel_velocity_rad_s: float
+    speed: float
     limits: Limits
     dark_intensity: float
     has_esim: bool
@@ -110,6 +113,8 @@ class World(NamedTuple):
     most_latency_steps: int
     most_noise_hz: float
     most_esim_noise_hz: float
+    period_ns: int
+    period_s: float
 
 
 def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterParameters) -> World:
@@ -131,7 +136,7 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
     lanes = [lane for course in courses for lane in course.lanes.values()]
     camera, robot = parameters.camera, parameters.robot
     rules = parameters.episode
-    rigid = RigidDrive(robot, n_images) if robot.engine == RIGID else None
+    rigid = RigidDrive(robot, n_images, parameters.period_s) if robot.engine == RIGID else None
     return World(
         pieces=np.concatenate([each.ground.pieces for each in courses]),
         first_piece=_bounds([len(each.ground.pieces) for each in courses]),
@@ -149,6 +154,7 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
         body=rigid.body if rigid else RigidBody(*(0.0,) * len(RigidBody._fields)),
         substeps=rigid.substeps if rigid else 1,
         max_wheel_velocity_rad_s=robot.max_wheel_velocity_rad_s,
+        speed=parameters.speed,
         limits=Limits(
             rules.max_distance_m,
             rules.max_laps,
@@ -164,10 +170,12 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
         has_wheel_errors=schedule.has_wheel_errors,
         has_dead=any(schedule.values_of('pixels.dead_share')),
         has_losses=schedule.largest('link.event_loss') > 0,
-        most_latency_steps=round(schedule.largest('link.latency_ms')) // STEP_MS,
+        most_latency_steps=round(schedule.largest('link.latency_ms')) // parameters.period_ms,
         most_noise_hz=schedule.largest('pixels.coppelia.noise_rate_hz'),
         most_esim_noise_hz=schedule.largest('pixels.esim.shot_rate_hz')
         + schedule.largest('pixels.esim.leak_rate_hz'),
+        period_ns=parameters.period_ns,
+        period_s=parameters.period_s,
     )
 
 

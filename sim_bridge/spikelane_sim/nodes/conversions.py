@@ -21,6 +21,7 @@ from spikelane_sim.errors import MessageError, PacketError
 from spikelane_sim.events import Events
 from spikelane_sim.frame_names import CAMERA_FRAME
 from spikelane_sim.messages import to_stamp_ns
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.sensor import ReceivedPacket
 
 WORLD_FRAME = 'odom'
@@ -41,10 +42,15 @@ def to_time(stamp_ns: int) -> Time:
 
 
 def fill_event_packet(
-    message: EventPacket, events: Events, stamp_ns: int, sequence: int, encoding: str
+    message: EventPacket,
+    events: Events,
+    stamp_ns: int,
+    sequence: int,
+    encoding: str,
+    period_ns: int = PERIOD_NS,
 ) -> None:
     """Put the events of one step into a packet whose width and height are set."""
-    packet = encode(encoding, events, stamp_ns, message.width, message.height)
+    packet = encode(encoding, events, stamp_ns, message.width, message.height, period_ns)
     message.header.stamp = to_time(stamp_ns)
     message.seq = sequence
     message.time_base = packet.time_base_ns

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 
 from spikelane_sim import topic_names
-from spikelane_sim.contract import Observation, STEP_NS, STEP_S
+from spikelane_sim.contract import Observation
 from spikelane_sim.nodes.commands import Commands
 from spikelane_sim.nodes.diagnostics import SimulatorDiagnostics
 from spikelane_sim.nodes.direct import DirectSubscriptions
@@ -56,7 +56,7 @@ class SimulatorNodeParameters(MeetingParameters):
         0.5,
         'In realtime mode the wheels stop when no command has come for this simulation time.',
         unit='s',
-        low=STEP_S,
+        low=0.005,
         high=3600.0,
     )
     use_stamped_vel: bool = parameter(
@@ -140,7 +140,7 @@ class SimulatorNode(ParameterNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         if is_realtime:
             self._commands.take_usual(is_stamped=settings.use_stamped_vel)
-            period_s = STEP_S / settings.real_time_factor
+            period_s = self._simulator.parameters.period_s / settings.real_time_factor
             self._ticks = self.create_timer(period_s, self._stepper.tick, clock=steady)
         self._begin_to_tell(steady)
         self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
@@ -191,10 +191,11 @@ class SimulatorNode(ParameterNode):
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """As in ParameterNode; another pace is taken up at once."""
         result = super().set_parameters_atomically(parameter_list)
-        if self._own.take_effect(self._simulator.time_ns + STEP_NS, begins_episode=False):
+        period_ns = self._simulator.parameters.period_ns
+        if self._own.take_effect(self._simulator.time_ns + period_ns, begins_episode=False):
             self._settings = self._own.parameters
             if self._settings.mode == 'realtime':
-                self._ticks.timer_period_ns = round(STEP_NS / self._settings.real_time_factor)
+                self._ticks.timer_period_ns = round(period_ns / self._settings.real_time_factor)
                 self._ticks.reset()  # the step that was due might be seconds away
         return result
 

@@ -139,6 +139,7 @@ class SimulatorTopics:
             observation.stamp_ns,
             self._packets - 1,
             self._encoding,
+            self._simulator.parameters.period_ns,
         )
         return self._packet
 

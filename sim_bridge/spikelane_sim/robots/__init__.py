@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from spikelane_sim.contract import Robot
 from spikelane_sim.engine import Engine
 from spikelane_sim.parameters import parameter, Parameters, ParameterSpec, ParametersT, with_groups
+from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.robots import registry
 from spikelane_sim.robots.own import ENDING
 from spikelane_sim.robots.wheel_errors import WheelErrors
@@ -165,15 +166,18 @@ class RobotParameters(Parameters):
         return model.drive if model else {}
 
 
-def make_robot(parameters: RobotParameters, poses_per_step: int = 1) -> Robot:
+def make_robot(
+    parameters: RobotParameters, poses_per_step: int = 1, period_s: float = PERIOD_MS / 1000
+) -> Robot:
     """Make the robot that the parameters describe, placed at the origin.
 
     Args:
         parameters: What to make.
         poses_per_step: How many poses `step` returns, at equal distances in time.
+        period_s: Length of a step.
 
     Raises:
-        ParameterError: Parameters contradict each other, the robot's description or
-            poses_per_step.
+        ParameterError: Parameters contradict each other, the robot's description,
+            poses_per_step or period_s.
     """
-    return registry.engine(parameters.engine).make(parameters, poses_per_step)
+    return registry.engine(parameters.engine).make(parameters, poses_per_step, period_s)

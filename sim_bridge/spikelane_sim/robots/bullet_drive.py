@@ -41,7 +41,8 @@ import weakref
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
+from spikelane_sim.contract import RobotState, WheelVelocities
+from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.robots.bullet import pybullet
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
 from spikelane_sim.robots.sizing import describe
@@ -74,18 +75,24 @@ class BulletDrive:
     with the same commands, which leads to the same bits.
     """
 
-    def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
+    def __init__(
+        self,
+        parameters: RobotParameters,
+        poses_per_step: int = 1,
+        period_s: float = PERIOD_MS / 1000,
+    ) -> None:
         """Make the robot, at the origin.
 
         Raises:
-            ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
+            ParameterError: The step of the physics does not divide period_s, poses_per_step does
                 not divide the steps, or the robot would tip over.
         """
         self._physics = parameters.own(PybulletParameters)
-        self._substeps = self._physics.steps_per_pose(poses_per_step)
+        self._substeps = self._physics.steps_per_pose(poses_per_step, period_s)
         self._description = describe(parameters)
         self._parameters = parameters
         self._poses_per_step = poses_per_step
+        self._period_s = period_s
         self._torques = (parameters.wheel_torque_n_m / self._substeps,) * 2
         self._engine = _Engine()
         self.reset(0.0, 0.0, 0.0)
@@ -100,7 +107,7 @@ class BulletDrive:
         engine.resetSimulation()
         engine.setGravity(0.0, 0.0, -_GRAVITY_M_S2)
         engine.setPhysicsEngineParameter(
-            fixedTimeStep=STEP_S / self._poses_per_step,
+            fixedTimeStep=self._period_s / self._poses_per_step,
             numSubSteps=self._substeps,
             numSolverIterations=self._physics.solver_iterations,
             solverResidualThreshold=_SOLVER_RESIDUAL_M2_S2,
@@ -152,13 +159,16 @@ class BulletDrive:
         return {
             'parameters': self._parameters,
             'poses_per_step': self._poses_per_step,
+            'period_s': self._period_s,
             'past': self._past,
             'is_closed': self._engine.is_closed,
         }
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Become a robot with the same future, in an engine of its own."""
-        self.__init__(state['parameters'], state['poses_per_step'])  # type: ignore[misc]
+        self.__init__(  # type: ignore[misc]
+            state['parameters'], state['poses_per_step'], state['period_s']
+        )
         past = state['past']
         self.reset(*past.pose)
         for left, right in zip(past.commands[::2], past.commands[1::2], strict=True):

@@ -14,9 +14,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.contract import RobotState, STEP_S, WheelVelocities
+from spikelane_sim.contract import RobotState, WheelVelocities
 from spikelane_sim.engine import Engine
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.period import PERIOD_MS
 
 if TYPE_CHECKING:
     from spikelane_sim.robots import RobotParameters
@@ -25,7 +26,12 @@ if TYPE_CHECKING:
 class Kinematic:
     """A level robot on an ideal differential drive (`contract.Robot`)."""
 
-    def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
+    def __init__(
+        self,
+        parameters: RobotParameters,
+        poses_per_step: int = 1,
+        period_s: float = PERIOD_MS / 1000,
+    ) -> None:
         """Make the robot, at the origin.
 
         Raises:
@@ -38,6 +44,7 @@ class Kinematic:
         self._axle_x_m = parameters.axle_x_m
         self._height_m = parameters.height_m
         self._poses_per_step = poses_per_step
+        self._period_s = period_s
         self.reset(0.0, 0.0, 0.0)
 
     def reset(self, x_m: float, y_m: float, heading_rad: float) -> None:
@@ -57,9 +64,11 @@ class Kinematic:
             self._axle_x_m,
             self._height_m,
             self._poses_per_step,
+            self._period_s,
         )
         left, right = self._wheel_angles
-        self._wheel_angles = (left + wheels.left * STEP_S, right + wheels.right * STEP_S)
+        period_s = self._period_s
+        self._wheel_angles = (left + wheels.left * period_s, right + wheels.right * period_s)
         return poses  # type: ignore[no-any-return]  # numba carries no types
 
     @property
@@ -87,7 +96,9 @@ class Kinematic:
 
 
 @numba.njit(cache=True)
-def drive_arc(start, forward, turn, axle_x_m, height_m, count):  # type: ignore[no-untyped-def]
+def drive_arc(  # type: ignore[no-untyped-def]
+    start, forward, turn, axle_x_m, height_m, count, period_s
+):
     """Return the poses along one step, and x, y and heading at its end.
 
     Args:
@@ -97,13 +108,14 @@ def drive_arc(start, forward, turn, axle_x_m, height_m, count):  # type: ignore[
         axle_x_m: Place of the axle ahead of base_link.
         height_m: Height of base_link.
         count: How many poses.
+        period_s: Length of the step.
     """
     x_start_m, y_start_m, heading_start_rad = start
     x_m, y_m, heading_rad = start
     cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
     poses = np.empty((count, 7))
     for row in range(count):
-        time_s = STEP_S * (row + 1) / count
+        time_s = period_s * (row + 1) / count
         half_rad = turn * time_s / 2
         # The chord of the axle's arc; below 1e-8 rad it equals the arc in double precision.
         shortening = math.sin(half_rad) / half_rad if abs(half_rad) > 1e-8 else 1.0

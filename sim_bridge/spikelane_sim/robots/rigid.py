@@ -59,6 +59,7 @@ from numpy.typing import NDArray
 from spikelane_sim.compiled import inner
 from spikelane_sim.contract import RobotState, WheelVelocities
 from spikelane_sim.engine import Engine
+from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.robots.description import check_symmetry, Description
 from spikelane_sim.robots.grip import check_grip
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
@@ -140,14 +141,19 @@ class RigidDrive:
         substeps: Steps of the physics from one pose to the next.
     """
 
-    def __init__(self, parameters: RobotParameters, poses_per_step: int = 1) -> None:
+    def __init__(
+        self,
+        parameters: RobotParameters,
+        poses_per_step: int = 1,
+        period_s: float = PERIOD_MS / 1000,
+    ) -> None:
         """Make the robot, at the origin.
 
         Raises:
-            ParameterError: The step of the physics does not divide 0.05 s, poses_per_step does
+            ParameterError: The step of the physics does not divide period_s, poses_per_step does
                 not divide the steps, the robot is not symmetric, or it could slip or tip over.
         """
-        self.substeps = _physics(parameters).steps_per_pose(poses_per_step)
+        self.substeps = _physics(parameters).steps_per_pose(poses_per_step, period_s)
         description = describe(parameters)
         check_symmetry(description, parameters.model)
         check_grip(parameters, description, _physics(parameters).wheel_friction)
@@ -189,7 +195,7 @@ class RigidDrive:
 
 @numba.njit(cache=True)
 def drive_step(body, state, left, right, substeps, poses):  # type: ignore[no-untyped-def]
-    """Drive for one step of 50 ms.
+    """Drive for one step.
 
     Args:
         body: A `RigidBody`.

@@ -30,10 +30,11 @@ SPECS: dict[str, ParameterSpec] = {
     spec.name: spec for group, cls in CLASSES.items() for spec in cls.specs(f'{group}.')
 }
 NAMED = set(re.findall(r'`([a-z_*]+(?:\.[a-z0-9_*]+)+)`', TEXT))
-#: What says where, how long or with what to compute, and the sensor's size, which the paper gives.
+#: What says where, how long, how fast or with what to compute, and the sensor's size.
 NOT_THE_PAPERS = (
-    'simulator.course', '*.checkpoint', '*.width', '*.height', 'dqn.q_learning.device',
-    'dqn.q_learning.backend', 'training.save_every', 'transfer.measure_every',
+    'simulator.course', 'simulator.speed', '*.checkpoint', '*.width', '*.height',
+    'dqn.q_learning.device', 'dqn.q_learning.backend', 'training.save_every',
+    'transfer.measure_every',
 )  # fmt: skip
 
 

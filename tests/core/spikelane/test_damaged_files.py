@@ -37,7 +37,6 @@ from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.transfer.config import TransferConfig
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.registry import make_controller
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import SpikelaneError
 
@@ -176,7 +175,7 @@ def targets(runs: Path) -> list[Target]:
     evaluation = of(_resume_evaluation, runs / 'evaluation')
     add('evaluation/config.yaml', evaluation)
     add('evaluation/laps/*/metrics.json', evaluation)
-    add('lap/trajectory.csv', lambda: lap_metrics(read_csv(runs / 'lap/trajectory.csv'), STEP_S))
+    add('lap/trajectory.csv', lambda: lap_metrics(read_csv(runs / 'lap/trajectory.csv'), 0.05))
     add('dqn/states.zst', of(read_states, runs / 'dqn'), of(_resume_training, 'dqn', runs / 'dqn'))
     add('dqn/checkpoint.safetensors', of(_transfer_states, runs / 'dqn'))
     experiment = of(_resume_experiment, runs / 'tiny')

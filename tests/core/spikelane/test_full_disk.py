@@ -22,9 +22,9 @@ from spikelane.runs.lap.trajectory import read_csv
 from spikelane_controllers.dqn.visited_states import read_states
 from spikelane_controllers.learning.scalar_log import ScalarLog
 from spikelane_controllers.quantities import Axis, Quantity
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.files import append_bytes, WriteError
 from spikelane_sim.parsing import parse_json, read_json_file, read_yaml_file
+from spikelane_sim.period import PERIOD_NS
 
 _USUAL = ('--robot', 'kinematic', '--seed', '1')
 _SHORT = (*_USUAL, '--param', 'simulator.episode.max_steps=40')
@@ -190,7 +190,7 @@ def test_a_recording_that_does_not_fit_is_named(tmp_path: Path) -> None:
             written(disk / 'recording.nc', [quantity], {}) as append,
         ):
             for step in range(1, 1000):
-                append(step * STEP_NS, 1, step, {'values': rng.random((1, 10_000))})
+                append(step * PERIOD_NS, 1, step, {'values': rng.random((1, 10_000))})
                 written_steps = step
         assert list(disk.iterdir()) == []
     assert 100 < written_steps < 300

@@ -65,6 +65,21 @@ def test_without_lane_states_there_is_one_episode() -> None:
     assert drawn((1, 0), (0, 0), (1, 2)) == numbers(1, 3)
 
 
+def stamped(step: int, stamp_ms: int) -> Observation:
+    """Return an observation of episode 1."""
+    return observation(1, step)._replace(stamp_ns=stamp_ms * 1_000_000)
+
+
+def test_a_simulator_with_another_period_is_refused() -> None:
+    """Two steps in a row tell; a gap, a new episode or a reset of time tells nothing."""
+    host = ControllerHost(Drawing(), 3, period_ms=50)
+    for each in (stamped(0, 50), stamped(1, 100), stamped(3, 110), stamped(3, 10), stamped(0, 20)):
+        host.step(each)
+    expected = 'period_ms: expected 10 ms, as the simulator steps, got 50'
+    with pytest.raises(ParameterError, match=expected):
+        host.step(stamped(1, 30))
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Slow(Parameters):
     """Parameters that may be changed."""

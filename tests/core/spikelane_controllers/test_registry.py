@@ -22,10 +22,11 @@ from spikelane_controllers.registry import (
     training_class,
     training_names,
 )
-from spikelane_sim.contract import Observation, STEP_NS
+from spikelane_sim.contract import Observation
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import no_events
 from spikelane_sim.parameters import Parameters
+from spikelane_sim.period import PERIOD_NS
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def test_every_controller_can_be_made_and_driven(name: str) -> None:
     """At its defaults, by the contract."""
     controller = make_controller(name)
     controller.reset(np.random.default_rng(0))
-    wheels = controller.step(Observation(STEP_NS, no_events(), None))
+    wheels = controller.step(Observation(PERIOD_NS, no_events(), None))
     assert np.isfinite(wheels).all()
     assert issubclass(controller_class(name).parameters_class, Parameters)
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spikelane_sim.communication_link import LinkParameters
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.simulator import Simulator
@@ -87,5 +86,6 @@ def test_the_seed_determines_what_is_lost() -> None:
 
 def test_a_latency_within_a_step_is_refused() -> None:
     """Wheels change their target between steps only."""
-    with pytest.raises(ParameterError, match='latency_ms: expected a multiple of 50 ms, got 70'):
-        LinkParameters(latency_ms=70)
+    expected = 'latency_ms: expected a multiple of 50 ms, the control period, got 70'
+    with pytest.raises(ParameterError, match=expected):
+        make_simulator(latency_ms=70)

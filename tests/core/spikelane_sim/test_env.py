@@ -363,7 +363,7 @@ def test_the_picture_shows_the_last_events() -> None:
             "task: unknown parameter 'max_action'; expected drive_rad_s",
         ),
         ({'task': {'max_actions': 0}}, 'task: max_actions: expected a whole number from 1'),
-        ({'simulator': {'speed': 3}}, "simulator: unknown parameter 'speed'"),
+        ({'simulator': {'pace': 3}}, "simulator: unknown parameter 'pace'"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:

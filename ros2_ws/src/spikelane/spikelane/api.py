@@ -40,7 +40,7 @@ from spikelane.runs.train.run import check_training_recordable, train_and_report
 from spikelane_controllers import registry
 from spikelane_controllers.registry import training_card
 from spikelane_controllers.shown import shown_by
-from spikelane_sim.contract import Controller, Observation, STEP_S, WheelVelocities
+from spikelane_sim.contract import Controller, Observation, WheelVelocities
 from spikelane_sim.course import load_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
@@ -234,7 +234,7 @@ def _drive_configured(config: LapConfig, out: Path | None, record: tuple[str, ..
             controller, config.simulator, config.filter, config.lane, config.seed, watch
         )
     if folder is None:
-        metrics = lap_metrics(driven.trajectory, STEP_S)
+        metrics = lap_metrics(driven.trajectory, config.simulator.period_s)
     else:
         metrics = report_lap(config, driven, folder)
     path = None if folder is None else folder.path
@@ -261,7 +261,12 @@ def _drive_made(
     parameters = limit_drive(parameters, given, length_m)
     recording, keep = temporary_recording(record) if record else (None, None)
     name = type(controller).__name__
-    facts = {'controller': name, 'scenario': scenario, 'seed': seed}
+    facts = {
+        'controller': name,
+        'scenario': scenario,
+        'seed': seed,
+        'period_ms': parameters.period_ms,
+    }
     with recorded(controller, recording, facts) as record_step:
         watch = _Watch(controller, record_step)
         driven = drive_with(controller, parameters, filters, lane, seed, watch)
@@ -274,7 +279,7 @@ def _drive_made(
         'simulator': parameters.to_dict(),
         'filter': filters.chosen(),
     }
-    metrics = lap_metrics(driven.trajectory, STEP_S)
+    metrics = lap_metrics(driven.trajectory, parameters.period_s)
     return Run(None, config, metrics, watch.tables(driven), file, keep)
 
 

@@ -29,6 +29,7 @@ FILTERED = {
     'filter.chain': 'correlation',
     'filter.correlation.window_s': 0.005,
 }
+QUICK = {'simulator.period_ms': 10, 'simulator.speed': 4.0}
 LEARNING = {'rstdp.learning': True, 'rstdp.checkpoint': ''}
 
 
@@ -62,6 +63,10 @@ def evaluate_alone(config: EvaluateConfig, path: Path, monkeypatch: pytest.Monke
         pytest.param('rstdp', {}, {'seeds': 2}, id='two lanes'),
         pytest.param('rstdp', {**LEARNING, **NOISY}, {'seeds': 2}, id='learning with noise'),
         pytest.param('rstdp', FILTERED, {'seeds': 2, 'lanes': ('outer',)}, id='esim and filter'),
+        pytest.param(
+            'rstdp', {**LEARNING, **NOISY, **QUICK}, {'seeds': 2}, id='learning in steps of 10 ms'
+        ),
+        pytest.param('braitenberg', {**FILTERED, **QUICK}, {}, id='steps of 10 ms'),
         pytest.param(
             'braitenberg',
             {'simulator.robot.engine': 'rigid'},

@@ -26,9 +26,10 @@ from spikelane.recording.file import RecordingFile
 from spikelane.recording.record import written
 from spikelane_controllers.quantities import Axis, begin_to_record, Quantity, SpikeTimes
 from spikelane_controllers.shown import shown_by
-from spikelane_sim.contract import Observation, STEP_NS, WheelVelocities
+from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.files import FileError
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -130,7 +131,7 @@ def test_pandas_gives_a_row_for_each_value(lap: spikelane.Run) -> None:
     spikes = lap.recorded('spikes')
     assert list(spikes.columns) == ['time_ns', 'neuron']
     assert spikes['time_ns'].is_monotonic_increasing
-    per_step = spikes.groupby((spikes['time_ns'] - 1) // STEP_NS)['neuron'].count()
+    per_step = spikes.groupby((spikes['time_ns'] - 1) // PERIOD_NS)['neuron'].count()
     counted = lap.spikes.groupby('stamp_ns')['spikes'].sum()
     assert per_step.tolist() == counted[counted > 0].tolist()
     dopamine = lap.recorded('dopamine')
@@ -256,7 +257,7 @@ VALUES = Quantity('values', 'some values', '1', (AXIS,))
 
 def step(number: int) -> tuple[int, int, int, dict[str, NDArray[np.float64]]]:
     """Return a step of two values."""
-    return number * STEP_NS, 1, number, {'values': np.full((1, 2), float(number))}
+    return number * PERIOD_NS, 1, number, {'values': np.full((1, 2), float(number))}
 
 
 def write_two(file: Path, error: BaseException) -> None:
@@ -294,7 +295,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     sample = {'values': np.arange(10_000.0)[None]}
     tracemalloc.start()
     for number in range(1, 1001):
-        file.append(number * STEP_NS, 1, number, sample)
+        file.append(number * PERIOD_NS, 1, number, sample)
     file.close(is_complete=True)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -327,7 +328,7 @@ def test_samples_that_an_own_controller_gets_wrong_are_named(
     """Instead of a file that nobody can read."""
     file = RecordingFile(tmp_path / 'a.nc', [VALUES], {})
     with pytest.raises(ParameterError) as caught:
-        file.append(STEP_NS, 1, 1, samples)
+        file.append(PERIOD_NS, 1, 1, samples)
     assert str(caught.value) == message
 
 

@@ -17,9 +17,10 @@ from spikelane_controllers.braitenberg.controller import (
     braitenberg_weights,
     BraitenbergParameters,
 )
-from spikelane_sim.contract import Observation, STEP_NS, STEP_S, WheelVelocities
+from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import make_events, no_events
+from spikelane_sim.period import PERIOD_NS
 
 CONFIG = Path(__file__).parents[4] / 'controllers' / 'config' / 'braitenberg.yaml'
 
@@ -35,7 +36,7 @@ def in_rows(
     """Make random events between two rows of pixels and two columns."""
     rng = np.random.default_rng(seed)
     x_px, y_px = rng.integers(*columns, number), np.sort(rng.integers(*rows, number))
-    return Observation(STEP_NS, make_events(STEP_NS, x_px, y_px, 1), None)
+    return Observation(PERIOD_NS, make_events(PERIOD_NS, x_px, y_px, 1), None)
 
 
 Answer = tuple[WheelVelocities, tuple[int, ...]]
@@ -109,7 +110,7 @@ def test_it_laps_both_lanes_on_the_right_of_their_centre(lane: str, error_m: flo
         )
         for seed in range(3)
     ]
-    laps = [lap_metrics(drive_lap(each, lambda *_: None).trajectory, STEP_S) for each in config]
+    laps = [lap_metrics(drive_lap(each, lambda *_: None).trajectory, 0.05) for each in config]
     assert all(lap['completed'] for lap in laps)
     assert np.mean([lap['mean_abs_distance_m'] for lap in laps]) == pytest.approx(
         error_m, abs=0.006
@@ -127,7 +128,7 @@ def test_a_spike_takes_one_millisecond_to_the_neuron() -> None:
 def test_without_events_it_drives_straight_at_the_smallest_speed() -> None:
     """Until something is seen."""
     controller = Braitenberg()
-    assert controller.step(Observation(STEP_NS, no_events(), None)) == (1.0, 1.0)
+    assert controller.step(Observation(PERIOD_NS, no_events(), None)) == (1.0, 1.0)
     assert controller.spikes == (0, 0)
 
 
@@ -150,7 +151,7 @@ def test_a_reset_clears_spikes_and_spikes_in_flight() -> None:
     controller.step(observation((0, 128), 600))
     controller.reset(np.random.default_rng(1))
     assert controller.spikes == (0, 0)
-    assert controller.step(Observation(STEP_NS, no_events(), None)) == (1.0, 1.0)
+    assert controller.step(Observation(PERIOD_NS, no_events(), None)) == (1.0, 1.0)
     assert controller.spikes == (0, 0)
 
 

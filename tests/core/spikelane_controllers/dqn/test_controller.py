@@ -17,10 +17,11 @@ from spikelane_controllers.dqn.controller import Dqn
 from spikelane_controllers.dqn.parameters import DqnParameters
 from spikelane_controllers.dqn.pytorch import MissingPyTorchError
 from spikelane_controllers.dqn.q_network import greedy_action
-from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
+from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import CheckpointError
 from spikelane_sim.events import make_events
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -36,7 +37,7 @@ def dqn_of(**parameters: Any) -> Dqn:
 def seen(step: int, *pixels: tuple[int, int], lane: LaneState | None = None) -> Observation:
     """Return an observation with events at pixels (x, y)."""
     x, y = zip(*pixels, strict=True) if pixels else ((), ())
-    return Observation((step + 1) * STEP_NS, make_events(0, x, y, 1), lane)
+    return Observation((step + 1) * PERIOD_NS, make_events(0, x, y, 1), lane)
 
 
 def lane_at(step: int, distance_m: float = 0.0, reason: str = '') -> LaneState:
@@ -68,6 +69,18 @@ def test_an_action_is_held_for_ten_steps() -> None:
     assert controller.action == greedy_action(controller.network, state)
     assert wheels == speeds[controller.action]
     assert math.isnan(controller.reward)
+
+
+def test_an_action_lasts_half_a_second_with_every_period() -> None:
+    """It is chosen on 0.5 s: 25 steps of 20 ms."""
+    controller = dqn_of(period_ms=20)
+    controller.reset(np.random.default_rng(0))
+    for step in range(25):
+        controller.step(seen(step, (4 * step, 40)))
+        assert controller.actions == 0
+    controller.step(seen(25, (4 * 25, 40)))
+    assert controller.actions == 1
+    assert controller.counts[0].tolist() == [0] + [1] * 25 + [0] * 6
 
 
 def test_the_reward_is_the_papers() -> None:

@@ -26,9 +26,10 @@ from spikelane_controllers.dqn_snn.transferred import (
     write_transferred,
 )
 from spikelane_controllers.weights import shipped_weights
-from spikelane_sim.contract import Observation, STEP_NS
-from spikelane_sim.errors import CheckpointError
+from spikelane_sim.contract import Observation
+from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.events import make_events, no_events
+from spikelane_sim.period import PERIOD_NS
 
 CONFIG = Path(__file__).parents[4] / 'controllers' / 'config' / 'dqn_snn.yaml'
 INPUTS = 512
@@ -63,7 +64,7 @@ def save(folder: Path, network: FeedForward, maximum: int = 10, frames: int = 10
 def events_at(*pixels: tuple[int, int]) -> Observation:
     """Make an observation of events at (x, y)."""
     x_px, y_px = (np.array(each) for each in zip(*sorted(pixels, key=lambda p: p[1]), strict=True))
-    return Observation(STEP_NS, make_events(STEP_NS, x_px, y_px, 1), None)
+    return Observation(PERIOD_NS, make_events(PERIOD_NS, x_px, y_px, 1), None)
 
 
 @pytest.fixture(scope='module')
@@ -98,7 +99,7 @@ def test_it_drives_towards_the_most_spikes(tmp_path: Path) -> None:
     """Its traces decay to 0.8 in a step, and the largest decides at each one."""
     controller = DqnSnn(DqnSnnParameters(checkpoint=save(tmp_path, by_sides())))
     right, left = events_at((100, 60)), events_at((10, 60))
-    nothing = Observation(STEP_NS, no_events(), None)
+    nothing = Observation(PERIOD_NS, no_events(), None)
     # One event is a value of 1: a spike in each of 10 time steps; 30 of them have 3 eighths.
     expected = [
         (right, (0, 1, 10), (0, 1, 10), (1.25, 0.75)),
@@ -120,7 +121,7 @@ def test_without_a_spike_the_first_action_is_chosen(tmp_path: Path) -> None:
     silent = by_sides()._replace(hidden_bias=np.zeros(3, np.float32))
     controller = DqnSnn(DqnSnnParameters(checkpoint=save(tmp_path, silent)))
     assert controller.action == -1
-    assert controller.step(Observation(STEP_NS, no_events(), None)) == (0.75, 1.25)
+    assert controller.step(Observation(PERIOD_NS, no_events(), None)) == (0.75, 1.25)
     assert (controller.spikes, controller.action) == ((0, 0, 0), 0)
 
 
@@ -224,6 +225,14 @@ def test_other_files_are_refused(random_network: str, tmp_path: Path) -> None:
     for message, path in cases:
         with pytest.raises(CheckpointError, match=message):
             DqnSnn(DqnSnnParameters(checkpoint=str(path)))
+
+
+def test_neurons_are_simulated_for_a_fifth_of_each_period() -> None:
+    """10 ms of 50 ms are 2 of 10 ms; 7 ms have no whole number of time steps."""
+    steps = [DqnSnnParameters(period_ms=each).step_neurons.steps for each in (50, 20, 10, 5)]
+    assert steps == [10, 4, 2, 1]
+    with pytest.raises(ParameterError, match='simulated_ms: expected a multiple of step_ms'):
+        DqnSnnParameters(period_ms=7)
 
 
 def test_the_file_of_parameters_holds_every_default() -> None:

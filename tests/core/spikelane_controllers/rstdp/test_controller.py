@@ -12,9 +12,10 @@ import yaml
 
 from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
 from spikelane_controllers.spiking.synapse import SynapseParameters
-from spikelane_sim.contract import LaneState, Observation, STEP_NS, WheelVelocities
+from spikelane_sim.contract import LaneState, Observation, WheelVelocities
 from spikelane_sim.errors import CheckpointError, ParameterError
 from spikelane_sim.events import make_events, no_events
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -28,11 +29,11 @@ def observation(seed: int, distance_m: float | None = 0.1, number: int = 200) ->
     """Make random events in the rows that are not cropped, seen at a distance from the centre."""
     rng = np.random.default_rng(seed)
     x_px, y_px = rng.integers(0, 128, number), np.sort(rng.integers(40, 104, number))
-    events = make_events(STEP_NS, x_px, y_px, 1)
+    events = make_events(PERIOD_NS, x_px, y_px, 1)
     if distance_m is None:
-        return Observation(STEP_NS, events, None)
+        return Observation(PERIOD_NS, events, None)
     lane = LaneState('outer', distance_m, 0.0, 0.0, 'A', 0.0, 0, 1, 1, False, '')
-    return Observation(STEP_NS, events, lane)
+    return Observation(PERIOD_NS, events, lane)
 
 
 Answer = tuple[WheelVelocities, tuple[int, ...], bytes]
@@ -246,7 +247,7 @@ def test_neurons_may_fire_once_in_an_interval() -> None:
 
 def test_without_events_it_drives_straight_at_the_smallest_speed() -> None:
     """Until something is seen."""
-    assert RStdp(UNTRAINED).step(Observation(STEP_NS, no_events(), None)) == (1.0, 1.0)
+    assert RStdp(UNTRAINED).step(Observation(PERIOD_NS, no_events(), None)) == (1.0, 1.0)
 
 
 @pytest.mark.slow

@@ -87,3 +87,9 @@ def test_the_same_seed_gives_the_same_spikes() -> None:
     assert first.tobytes() == again.tobytes()
     assert first.tobytes() != other.tobytes()
     assert rates_hz.tolist() == [10.0 * source for source in range(32)]
+
+
+def test_in_a_shorter_step_fewer_events_are_the_largest_rate() -> None:
+    """In 10 ms 3 events are as 15 in 50 ms; one makes a third of the rate."""
+    counts = np.array([[0, 1, 3, 9]])
+    assert firing_rates(counts, PoissonParameters(), 0.2).tolist() == [0, 100, 300, 300]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from spikelane_controllers.spiking.steering import (
@@ -57,3 +59,11 @@ def test_a_largest_speed_below_the_smallest_is_refused() -> None:
     """The message says which is which."""
     with pytest.raises(ParameterError, match='v_max: expected at least v_min = 1 rad/s, got'):
         SteeringParameters(v_max=0.5)
+
+
+def test_in_a_shorter_step_fewer_spikes_are_full_activity_and_less_is_followed() -> None:
+    """In 10 ms 3 spikes are as 15 in 50 ms; c = 0.2 of sqrt(1 / 2)."""
+    c = 0.2 * math.sqrt(0.5)
+    state, wheels = steer(SteeringState(1.2, 0.1), 3, 0, PAPER, 0.2)
+    assert state == pytest.approx((c * 1.0 + (1 - c) * 1.2, c * 0.5 + (1 - c) * 0.1))
+    assert wheels == pytest.approx((state[0] + state[1], state[0] - state[1]))

@@ -131,7 +131,7 @@ def test_markings_of_another_course_on_the_same_road_can_be_seen() -> None:
         (['camera.yaw_deg'], "got 'camera.yaw_deg'"),
         (['camera.yaw_deg=5', 'camera.yaw_deg=6'], 'expected camera.yaw_deg once, got it twice'),
         (['camera.yaw_deg=left'], 'camera.yaw_deg: expected a number from -180 to 180 deg'),
-        (['link.latency_ms=70'], 'latency_ms: expected a multiple of 50 ms, got 70'),
+        (['link.latency_ms=70'], 'latency_ms: expected a multiple of 50 ms, the control period'),
         (['pixels.dead_share=['], 'perturbation.changes: expected a value as in YAML'),
     ],
 )

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from spikelane_sim.contract import STEP_NS, WheelVelocities
+from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.events import Events
 from spikelane_sim.filters import FilterParameters, FilterStage
@@ -16,6 +16,7 @@ from spikelane_sim.filters.hot_pixels import HotPixels, write_hot_pixels
 from spikelane_sim.fleet.generators import generator_at, Generators, TEMPLATE
 from spikelane_sim.fleet.kernel import make_scratch, simulate
 from spikelane_sim.fleet.simulators import SimulatorFleet
+from spikelane_sim.period import PERIOD_NS
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -152,7 +153,7 @@ def test_each_robot_does_what_it_does_alone(
         for seed in (5 + robot, None):
             first = single.reset(None, seed)
             assert fleet.reset(robot, None, seed) == first.lane
-            begin_ns = first.stamp_ns - STEP_NS
+            begin_ns = first.stamp_ns - PERIOD_NS
             for step in range(120):
                 left, right = rng.uniform(-0.3, 1.7, 2) * (10 if step % 50 == 0 else 1)
                 left = np.nan if step == 77 else left
@@ -215,7 +216,7 @@ def test_filters_let_the_same_events_pass(
         first = single.reset(None, seed)
         stage.observe(first)
         fleet.reset(1, None, seed)
-        begin_ns = first.stamp_ns - STEP_NS
+        begin_ns = first.stamp_ns - PERIOD_NS
         for _ in range(60):
             left, right = rng.uniform(0.7, 1.5, 2)
             seen = single.step(WheelVelocities(left, right))

@@ -62,6 +62,13 @@ def same(one: Any, other: Any) -> bool:
             id='sensors',
         ),
         pytest.param(
+            {
+                'observation': 'event_image',
+                'simulator': {**RIGID, 'period_ms': 20, 'speed': 2.0},
+            },
+            id='steps of 20 ms',
+        ),
+        pytest.param(
             {'observation': 'sensors', 'simulator': {**RIGID, 'robot.engine': 'kinematic'}},
             id='kinematic',
         ),

@@ -17,7 +17,7 @@ from spikelane.runs.input_files import input_digests
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_lap
-from spikelane_sim.contract import STEP_S, WheelVelocities
+from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.robots import make_robot, RobotParameters
 from spikelane_sim.robots.description import read_description
@@ -90,7 +90,7 @@ def test_it_completes_a_lap(engine: str) -> None:
     """By R-STDP with the weights learnt on the Pioneer P3-DX, as it is."""
     parameters = {'simulator.robot.model': str(SMALL), 'simulator.robot.engine': engine}
     config = LapConfig.make(Request('1', 'rstdp', 0, 'inprocess', parameters), 'inner')
-    measured = lap_metrics(drive_lap(config, lambda *_: None).trajectory, STEP_S)
+    measured = lap_metrics(drive_lap(config, lambda *_: None).trajectory, 0.05)
     assert measured['completed']
     assert measured['mean_abs_distance_m'] < 0.02
     digest = hashlib.sha256(SMALL.read_bytes()).hexdigest()

@@ -39,7 +39,7 @@ class AnchorParameters(Parameters):
     chain_m: float = parameter(3.0, 'Length of the chain', unit='m', low=0.0)
 
 class Anchored:
-    def __init__(self, parameters, poses_per_step):
+    def __init__(self, parameters, poses_per_step, period_s):
         self.chain_m = parameters.own(AnchorParameters).chain_m
 
 ENGINE = Engine(Anchored, AnchorParameters)
@@ -53,7 +53,8 @@ def test_former_names_mean_what_they_meant() -> None:
     nested = {'robot': {name.partition('.')[2]: value for name, value in FORMER.items()}}
     assert SimulatorParameters.from_mapping(nested).to_dict().items() >= TODAY.items()
     config = {'seed': 3, 'simulator': {**FORMER, 'of.another_version': 1}}
-    wanted = {'seed': 3, 'simulator': {**TODAY, 'of.another_version': 1}}
+    later = {'period_ms': 50, 'speed': 1.0}
+    wanted = {'seed': 3, 'simulator': {**TODAY, **later, 'of.another_version': 1}}
     assert current_config(config) == wanted
     assert current_config(wanted) == wanted
 

@@ -7,7 +7,7 @@ from spikelane.runs.configuration import Request
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.run import drive_lap
-from spikelane_sim.contract import STEP_S, WheelVelocities
+from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.robots import make_robot, RobotParameters
 
 
@@ -16,7 +16,7 @@ def test_it_completes_a_lap(controller: str) -> None:
     """With the weights learnt on the Pioneer P3-DX, and without a change of any parameter."""
     parameters = {'simulator.robot.model': 'turtlebot4', 'simulator.robot.engine': 'kinematic'}
     config = LapConfig.make(Request('1', controller, 0, 'inprocess', parameters), 'inner')
-    measured = lap_metrics(drive_lap(config, lambda *_: None).trajectory, STEP_S)
+    measured = lap_metrics(drive_lap(config, lambda *_: None).trajectory, 0.05)
     assert measured['completed']
     assert 11000 < measured['steps'] < 12000
     assert measured['mean_abs_distance_m'] < 0.05

@@ -185,6 +185,20 @@ class RecordedDrive:
                 return str(self.source.read(message).controller)
         return None
 
+    @property
+    def period_ms(self) -> int | None:
+        """Control period of what drove, as the lane states tell; None where they tell none."""
+        stamps_ns = {
+            (each.value.episode, each.value.step): stamp_ns
+            for stamp_ns, logged in self._lanes.items()
+            for each in logged
+        }
+        for (episode, step), stamp_ns in stamps_ns.items():
+            after_ns = stamps_ns.get((episode, step + 1), 0)
+            if after_ns > stamp_ns:
+                return round((after_ns - stamp_ns) / 1e6)
+        return None
+
     def packets(self) -> Iterator[DrivePacket]:
         """Yield the event packets in order."""
         wanted = {mark.position for mark in self._order}

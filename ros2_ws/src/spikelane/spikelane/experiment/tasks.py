@@ -209,7 +209,7 @@ def _transfer(
 ) -> Mapping[str, Any]:
     del options  # the configuration has them
     gathered = cast(GatheringParameters, config.parameters['gathering'])
-    per_state = gathered.decision.steps_per_action
+    per_state = config.simulator.steps_of(gathered.decision.steps_per_action)
     # Every transfer has a group `transfer` with `steps`.
     training = int(config.parameters['transfer'].to_dict()['steps'])
     whole = gathered.states * per_state + training

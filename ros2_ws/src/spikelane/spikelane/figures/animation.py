@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from spikelane.figures.course_map import draw_course
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import Course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import Events
@@ -130,8 +129,10 @@ def _picture(
         pen.line(driven, fill=style.RIGHT, width=2)
     x, y = driven[-1]
     pen.ellipse((x - _ROBOT_PX, y - _ROBOT_PX, x + _ROBOT_PX, y + _ROBOT_PX), fill=style.LEFT)
-    state = f'{row * STEP_S:6.1f} s    d = {1000 * trajectory.distance_m[row]:+.0f} mm'
-    seen = f'events of {_SHOWN_STEPS * STEP_S:g} s: brighter blue, darker orange'
+    state = (
+        f'{row * trajectory.period_s:6.1f} s    d = {1000 * trajectory.distance_m[row]:+.0f} mm'
+    )
+    seen = f'events of {_SHOWN_STEPS * trajectory.period_s:g} s: brighter blue, darker orange'
     pen.text((left, top - 18), state, fill=style.INK, font=scene.font)
     pen.text((left, top + height + 3), seen, fill=style.INK, font=scene.font.font_variant(size=11))
     return picture

@@ -14,7 +14,6 @@ from spikelane.runs.lap.figure import deviation_limit_m, draw_deviation, draw_hi
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import Course
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ def draw_comparison(
             # The lap ends there, too, at another deviation: a curve that jumps needs a reason.
             begin = drive.position_m[0], drive.distance_m[0]
             deviation.plot(*begin, 'o', color=style.INK, markersize=5)
-            metrics = lap_metrics(drive, STEP_S)
+            metrics = lap_metrics(drive, drive.period_s)
             draw_histogram(histogram, drive.distance_m[1:], metrics['mean_abs_distance_m'])
             deviation.set_ylabel('d [m]')
             histograms.append(histogram)

@@ -16,7 +16,7 @@ import pandas as pd
 from spikelane.interruption import check
 from spikelane_controllers.fleet import ControllerFleet, Journey, make_journey
 from spikelane_controllers.registry import controller_class, fleet_class
-from spikelane_sim.contract import controller_rng, LaneState, STEP_S
+from spikelane_sim.contract import controller_rng, LaneState
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.fleet.kernel import make_scratch
@@ -239,7 +239,7 @@ class Fleet:
             Interrupted: A signal has come.
         """
         tracks = self.episodes([lane] * len(self))
-        return [track.end for track in tracks], _frame(tracks)
+        return [track.end for track in tracks], _frame(tracks, self.simulators.parameters.period_s)
 
     def episodes(
         self, lanes: Sequence[str | None], on_advance: OnAdvance = lambda *_: None
@@ -294,7 +294,7 @@ class Fleet:
 _COLUMNS = ('x_m', 'y_m', 'heading_rad', 'distance_m')
 
 
-def _frame(tracks: Sequence[Track]) -> pd.DataFrame:
+def _frame(tracks: Sequence[Track], period_s: float) -> pd.DataFrame:
     """Return the steps of all robots as a table."""
     lengths = [len(track.places) - 1 for track in tracks]
     places = np.concatenate([track.places[:-1] for track in tracks])
@@ -304,5 +304,5 @@ def _frame(tracks: Sequence[Track]) -> pd.DataFrame:
     values = {name: places[name] for name in _COLUMNS}
     wheels = {'left_rad_s': answers[:, 0], 'right_rad_s': answers[:, 1]}
     return pd.DataFrame(
-        {'robot': robots, 'step': steps, 't_s': steps * STEP_S, **values, **wheels}
+        {'robot': robots, 'step': steps, 't_s': steps * period_s, **values, **wheels}
     )

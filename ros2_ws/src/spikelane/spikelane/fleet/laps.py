@@ -15,7 +15,6 @@ from spikelane.runs.configuration import configured_controller
 from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import DrivenLap
 from spikelane.runs.lap.trajectory import Trajectory, trajectory_from_columns
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.course import load_course
 
 #: Laps that are driven at a time: more would need more memory, and be no faster.
@@ -76,7 +75,7 @@ def _trajectory(config: LapConfig, track: Track) -> Trajectory:
         track.end.reason,
         {
             **rest,
-            'stamp_ns': (steps + 1) * STEP_NS,
+            'stamp_ns': (steps + 1) * config.simulator.period_ns,
             'step': steps,
             'section': np.array(names, np.str_),
             # From the heading to the heading by way of the quaternion, as a robot's state has it.

@@ -9,8 +9,9 @@ from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 
-from spikelane.runs.lap.config import NO_PROGRESS_STEPS
+from spikelane.runs.lap.config import NO_PROGRESS_S
 from spikelane_controllers.registry import controller_names, usual_controller
+from spikelane_sim.period import PERIOD_MS
 
 
 class Arguments:
@@ -93,7 +94,7 @@ def lap_arguments() -> list[DeclareLaunchArgument]:
     """Declare what determines a lap beyond what any run takes; see `lap_parameters`."""
     return [
         argument('lane', "Lane to drive, outer or inner; empty: the course's first.", ''),
-        argument('max_steps', 'Number of steps of 50 ms that end a lap early; 0: none.', '0'),
+        argument('max_steps', 'Number of steps that end a lap early; 0: none.', '0'),
     ]
 
 
@@ -102,7 +103,7 @@ def lap_parameters(arguments: Arguments) -> dict[str, Any]:
     return {
         'lane': arguments.text('lane'),
         'episode.max_steps': arguments.number('max_steps'),
-        'episode.no_progress_steps': NO_PROGRESS_STEPS,
+        'episode.no_progress_steps': round(NO_PROGRESS_S * 1000 / PERIOD_MS),
         'end_after_episodes': 1,
     }
 

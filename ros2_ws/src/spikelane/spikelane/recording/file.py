@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.quantities import Axis, checked_sample, Quantity, Sample, SpikeTimes
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.period import PERIOD_MS
 
 #: What is kept in memory before it is written.
 _PART_BYTES = 4 << 20
@@ -59,7 +59,8 @@ class RecordingFile:
         Args:
             path: The file, which is written over.
             quantities: What is recorded, at least one quantity.
-            facts: Attributes of the file: numbers and texts.
+            facts: Attributes of the file: numbers and texts; `period_ms` is the control period,
+                50 ms where it is not given.
 
         Raises:
             ParameterError: Two quantities have axes of one name with other labels.
@@ -69,6 +70,7 @@ class RecordingFile:
         axes = _axes(quantities)
         self._path = path
         self._kept_bytes = 0
+        self._period_ns = int(facts.get('period_ms', PERIOD_MS)) * 1_000_000
         path.write_bytes(b'')
         _reserve(path, 0, _MARGIN_BYTES)
         self._hdf5 = h5py.File(path, 'w')
@@ -108,7 +110,7 @@ class RecordingFile:
         rows = dict(zip(_ROWS, (stamp_ns, episode, episode_step), strict=True))
         for name, value in rows.items():
             self._keep(name, np.array([value], np.int64))
-        begin_ns = stamp_ns - STEP_NS
+        begin_ns = stamp_ns - self._period_ns
         for quantity in self._quantities:
             name, sample = quantity.name, checked_sample(quantity, samples)
             if isinstance(sample, SpikeTimes):
@@ -150,7 +152,7 @@ class RecordingFile:
             return
         if len(quantity.offsets_ns) == 1:
             variable = self._create(name, ('step', *axes), 'f8', quantity.words)
-            variable.attrs['offset_ns'] = quantity.offsets_ns[0]
+            variable.attrs['offset_ns'] = min(quantity.offsets_ns[0], self._period_ns)
         else:
             sample = f'{name}_sample'
             variable = self._create(name, (sample, *axes), 'f8', quantity.words)

@@ -67,6 +67,7 @@ def facts_of(config: Configuration) -> dict[str, Any]:
         'controller': config.controller,
         'scenario': config.scenario,
         'seed': config.seed,
+        'period_ms': config.simulator.period_ms,
     }
 
 

@@ -9,8 +9,8 @@ import h5netcdf
 import numpy as np
 import pandas as pd
 
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.files import FileError
+from spikelane_sim.period import PERIOD_MS
 
 
 def recorded_names(path: Path) -> tuple[str, ...]:
@@ -90,7 +90,8 @@ def _times_ns(file: Any, name: str, growing: str) -> Any:
     if growing != 'step':
         return file.variables[f'{name}_time_ns'][...]
     stamps_ns = file.variables['stamp_ns'][...]
-    return stamps_ns - STEP_NS + int(file.variables[name].attrs['offset_ns'])
+    period_ns = int(file.attrs.get('period_ms', PERIOD_MS)) * 1_000_000
+    return stamps_ns - period_ns + int(file.variables[name].attrs['offset_ns'])
 
 
 def labels_of(file: Any, axis: str) -> list[str]:

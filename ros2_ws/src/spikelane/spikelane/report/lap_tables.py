@@ -13,7 +13,8 @@ from spikelane.runs.evaluate.summary import laps_by_unit, unit_of, UNITS
 from spikelane.statistics import effective_units, share_statistics, unit_means
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
 from spikelane_controllers.registry import cards, title
-from spikelane_sim.contract import STEP_S
+from spikelane_sim.period import PERIOD_MS
+from spikelane_sim.simulator_parameters import period_ms_of
 
 #: Parameter of the distance from the lane's centre at which an episode ends.
 _LIMIT = 'episode.max_distance_m'
@@ -200,7 +201,7 @@ def _of_operations(laps: Sequence[Lap]) -> Table:
 def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
     total = sum_operations(Operations(**lap.metrics['operations']) for lap in laps)
     # Every observation counts, the one at the reset included.
-    time_s = sum(lap.metrics['steps'] + 1 for lap in laps) * STEP_S
+    time_s = sum((lap.metrics['steps'] + 1) * period_ms_of(lap.config) for lap in laps) / 1000
     found = operations_metrics(total, time_s)
 
     def cells(per: str) -> tuple[str, str]:
@@ -224,5 +225,5 @@ def _row_of_operations(key: Key, laps: Sequence[Lap]) -> tuple[str, ...]:
 
 
 def lap_steps(metrics: Mapping[str, Any]) -> float:
-    """Return the steps of a completed drive's first lap."""
-    return float(round(metrics['lap_time_s'] / STEP_S))
+    """Return the steps of 50 ms of a completed drive's first lap, whatever its period was."""
+    return float(round(metrics['lap_time_s'] * 1000 / PERIOD_MS))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.report.kinds import LearntFacts
+from spikelane.runs.configuration import step_limits
 from spikelane.runs.input_files import transferred_controller
 from spikelane.runs.lap.config import LIMITS
 from spikelane.runs.train.config import training_defaults
@@ -27,7 +28,11 @@ from spikelane_sim.errors import CheckpointError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.kinds import check_kind
 from spikelane_sim.parameters import grouped, Parameters
-from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
+from spikelane_sim.simulator_parameters import (
+    current_config,
+    period_ms_of,
+    SimulatorParameters,
+)
 
 #: Settings that say what is done, not how: a run is no variant for them.
 _NO_VARIANT = ('course', 'checkpoint', 'q_learning.device')
@@ -182,6 +187,7 @@ def _usual_in(config: Mapping[str, Any], group: str) -> dict[str, Any]:
         usual = transfer_class(transferred_controller(config)).defaults
     elif 'training' in config or 'save_every' in config:  # a checkpoint's has its length aside
         usual = training_defaults(str(config['controller']))
+        usual = {**usual, **step_limits(usual, period_ms_of(config))}
     elif group == 'simulator' and isinstance(given := config.get('given'), Mapping):
         # Laps and evaluations have limits of their own unless the user gives others. Runs of
         # earlier versions do not say what was given.

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.transport import check_transport
-from spikelane_controllers.controller_host import image_size
+from spikelane_controllers.controller_host import check_period, image_size
 from spikelane_controllers.registry import controller_class, make_controller
 from spikelane_sim.contract import Controller
 from spikelane_sim.course import scenario_course
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.parameters import grouped, Parameters
+from spikelane_sim.period import PERIOD_MS, TimedParameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
+
+#: Parameters of the simulator that count steps.
+STEP_LIMITS = ('simulator.episode.max_steps', 'simulator.episode.no_progress_steps')
 
 TRANSPORTS = ('ros', 'composed', 'inprocess')
 
@@ -157,7 +162,8 @@ def configure(
         'filter': FilterParameters,
         **others,
     }
-    groups = make_groups({**defaults, **asked.parameters}, classes, asked.scenario)
+    usual = {**defaults, **_of_period(asked, classes[controller], defaults)}
+    groups = make_groups({**usual, **asked.parameters}, classes, asked.scenario)
     check_seed(asked.seed)
     fields = {
         'given': asked.parameters,
@@ -169,7 +175,33 @@ def configure(
         **groups,
     }
     _check_image(fields)
+    check_period(fields['controller_parameters'], fields['simulator'].period_ms)
     return fields
+
+
+def step_limits(defaults: Mapping[str, Any], period_ms: int) -> dict[str, int]:
+    """Return the limits of steps among defaults, which are for 50 ms, with another period."""
+    return {
+        name: math.ceil(defaults[name] * PERIOD_MS / period_ms)
+        for name in STEP_LIMITS
+        if name in defaults
+    }
+
+
+def _of_period(
+    asked: Request, controller: type[Parameters], defaults: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the defaults that follow from the control period, where one is given.
+
+    The controller has the simulator's, and the usual limits of steps last as long as with 50 ms.
+    """
+    period_ms = asked.parameters.get('simulator.period_ms')
+    if not isinstance(period_ms, int) or period_ms < 1:
+        return {}  # the usual one, or one that is refused
+    found: dict[str, Any] = step_limits(defaults, period_ms)
+    if issubclass(controller, TimedParameters):
+        found[f'{asked.controller}.period_ms'] = period_ms
+    return found
 
 
 def _check_image(fields: Mapping[str, Any]) -> None:

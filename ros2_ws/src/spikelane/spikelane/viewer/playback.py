@@ -16,10 +16,10 @@ from spikelane.interruption import check
 from spikelane.viewer.scene import Scene
 from spikelane_sim import topic_names
 from spikelane_sim.binning import SensorStep
-from spikelane_sim.contract import STEP_NS
 from spikelane_sim.course import load_course, scenario_course
 from spikelane_sim.errors import BagError, MessageError, SpikelaneError
 from spikelane_sim.messages import to_stamp_ns
+from spikelane_sim.period import PERIOD_MS, PERIOD_NS
 from spikelane_sim.sensor import Sensor
 
 _STATE = 'spikelane_msgs/msg/ControllerState'
@@ -129,9 +129,9 @@ class _Clock:
     def shown_ns(self, stamp_ns: int, *, is_simulated: bool) -> int:
         """Return when a step is shown [ns]; a camera's first is at 50 ms."""
         if self._offset_ns is None:
-            self._offset_ns = 0 if is_simulated else STEP_NS - stamp_ns
+            self._offset_ns = 0 if is_simulated else PERIOD_NS - stamp_ns
         elif stamp_ns + self._offset_ns <= self._last_ns:
-            self._offset_ns = self._last_ns + STEP_NS - stamp_ns
+            self._offset_ns = self._last_ns + PERIOD_NS - stamp_ns
         self._last_ns = stamp_ns + self._offset_ns
         return self._last_ns
 
@@ -167,7 +167,13 @@ def _steps(
         packet = recorded.packet
         if sensor is None or (size != (packet.width, packet.height) and packet.width):
             size = packet.width, packet.height
-            sensor = Sensor(width=size[0], height=size[1], has_lane=drive.has_lane, any_size=True)
+            sensor = Sensor(
+                width=size[0],
+                height=size[1],
+                period_ns=(drive.period_ms or PERIOD_MS) * 1_000_000,
+                has_lane=drive.has_lane,
+                any_size=True,
+            )
         for step in sensor.add(packet, recorded.lane):
             yield step, recorded, size
     if sensor is not None:

@@ -30,8 +30,9 @@ from spikelane.viewer.pictures import (
     weights_picture,
 )
 from spikelane_sim import topic_names
-from spikelane_sim.contract import LaneState, STEP_NS
+from spikelane_sim.contract import LaneState
 from spikelane_sim.events import Events
+from spikelane_sim.period import PERIOD_NS
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -49,7 +50,7 @@ _LEG_M = 0.25  # of the path, until it is sent again
 _STRIDE_M = 0.02  # between the points of the path
 _FASTEST_M_S = 0.5  # who moved faster was put somewhere else
 _LONGEST_M = 1.0  # between points of the path that a line connects
-_LONGEST_GAP_NS = 20 * STEP_NS  # between samples of a curve; live ones are taken now and then
+_LONGEST_GAP_NS = 20 * PERIOD_NS  # between samples of a curve; live ones are taken now and then
 _MOST_POINTS = 10_000  # events of a step that are shown as points
 _END_S = 2.0
 _ABOVE = -1.3  # row of names above a picture of weights
@@ -71,7 +72,7 @@ class Scene:
         """
         self._recording = recording
         self._is_recorded = is_recorded
-        self._longest_gap_ns = STEP_NS if is_recorded else _LONGEST_GAP_NS
+        self._longest_gap_ns = PERIOD_NS if is_recorded else _LONGEST_GAP_NS
         self._sampled_ns: dict[str, int] = {}  # time of the last sample of each curve
         self._neurons: tuple[str, ...] = ()
         self._middles: dict[str, list[float]] = {}  # of the weights of neurons, by array
@@ -273,7 +274,7 @@ class Scene:
     def _break(self, curve: str) -> None:
         import rerun
 
-        self._log(self._sampled_ns[curve] + STEP_NS // 2, curve, rerun.Clear(recursive=False))
+        self._log(self._sampled_ns[curve] + PERIOD_NS // 2, curve, rerun.Clear(recursive=False))
 
     def _log(self, stamp_ns: int, entity: str, what: Any) -> None:
         self._recording.set_time(TIMELINE, duration=stamp_ns / 1e9)

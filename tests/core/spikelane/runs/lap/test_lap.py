@@ -19,8 +19,9 @@ from spikelane.main import _parser, run
 from spikelane.runs.arguments import given_parameters
 from spikelane.runs.configuration import Request
 from spikelane.runs.lap.config import LapConfig
+from spikelane.runs.lap.run import drive_lap
 from spikelane.runs.lap.trajectory import read_csv
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 
 KINEMATIC = ('lap', '--transport', 'inprocess', '--robot', 'kinematic')
 SHORT = ('--param', 'simulator.episode.max_steps=40')
@@ -179,7 +180,7 @@ def test_the_usual_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.Monk
         (('--seed', str(2**63)), 'seed: expected a whole number from 0 to'),
         (('--param', 'fov=1'), "unknown parameter 'fov'; expected simulator.<name> or braitenb"),
         (('--param', 'fov'), "--param: expected NAME=VALUE, got 'fov'"),
-        (('--param', 'simulator.fov=1'), "simulator: unknown parameter 'fov'; expected course, "),
+        (('--param', 'simulator.fov=1'), "simulator: unknown parameter 'fov'; expected period_ms"),
         (('--param', 'simulator.camera.fov_deg=[1'), 'simulator.camera.fov_deg: expected a value'),
         (
             ('--param', 'simulator.course=2024-13-01'),
@@ -288,3 +289,35 @@ def test_the_robot_in_pybullet_prints_one_line_of_json(tmp_path: Path) -> None:
     assert (ended.returncode, ended.stdout.count('\n')) == (1, 1)
     result = json.loads(ended.stdout)
     assert (result['engine'], result['steps']) == ('pybullet', 40)
+
+
+def test_the_controller_has_the_control_period_of_the_simulator() -> None:
+    """Its limits of steps last as long as usual: 30 s without progress are 3000 of 10 ms."""
+    asked = Request('1', 'rstdp', parameters={'simulator.period_ms': 10})
+    config = LapConfig.make(asked)
+    assert config.controller_parameters.to_dict()['period_ms'] == 10
+    assert config.simulator.episode.no_progress_steps == 3000
+    usual = LapConfig.make(Request('1', 'rstdp'))
+    assert config.simulator.episode.max_steps == pytest.approx(
+        5 * usual.simulator.episode.max_steps, abs=5
+    )
+
+
+def test_a_controller_with_another_period_is_refused() -> None:
+    """One sentence says both."""
+    expected = 'period_ms: expected 10 ms for the controller, as simulator.period_ms, got 20'
+    periods = {'simulator.period_ms': 10, 'rstdp.period_ms': 20}
+    with pytest.raises(ParameterError, match=expected):
+        LapConfig.make(Request('1', 'rstdp', parameters=periods))
+
+
+def test_a_lap_in_short_steps_takes_as_long() -> None:
+    """In simulated time; the robot is where it is, 0.1 s are ten steps of 10 ms."""
+    periods = {'simulator.period_ms': 10, 'simulator.robot.engine': 'kinematic'}
+    limit = {'simulator.episode.max_steps': 200}
+    config = LapConfig.make(Request('1', 'rstdp', 3, parameters=periods | limit))
+    trajectory = drive_lap(config, lambda *_: None).trajectory
+    assert trajectory.period_s == 0.01
+    assert trajectory.stamp_ns.tolist() == [10_000_000 * (n + 1) for n in range(201)]
+    # 2 s at 1.0 to 1.5 rad/s of wheels of 0.0975 m
+    assert 0.195 < trajectory.progress_m[-1] < 0.293

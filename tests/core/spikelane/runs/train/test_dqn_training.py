@@ -342,3 +342,9 @@ def test_a_device_that_is_not_there_is_refused(
         '--device: expected a controller that can choose one (dqn), got rstdp'
         in capsys.readouterr().err
     )
+
+
+def test_episodes_last_as_long_with_another_control_period() -> None:
+    """1000 actions of 0.5 s are 25000 steps of 20 ms."""
+    asked = Request('1', 'dqn', parameters={'simulator.period_ms': 20})
+    assert TrainConfig.make(asked).simulator.episode.max_steps == 25_000

@@ -9,7 +9,6 @@ from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.summary import summarise, summarise_by_lane
 from spikelane.statistics import METHOD, share_statistics
 from spikelane_controllers.operations import Operations, operations_metrics, sum_operations
-from spikelane_sim.contract import STEP_S
 
 
 def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -46,17 +45,17 @@ def evaluation_metrics(config: EvaluateConfig, rows: Sequence[dict[str, Any]]) -
         'latency_ms': link.latency_ms,
         'event_loss': link.event_loss,
         'confidence': METHOD,
-        'operations': _operations(rows),
+        'operations': _operations(rows, config.simulator.period_s),
         'summary': summary,
         'laps': list(rows),
     }
 
 
-def _operations(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+def _operations(rows: Sequence[Mapping[str, Any]], period_s: float) -> dict[str, Any] | None:
     """Describe what the network had to compute in all laps, None where one's is not known."""
     counted = [Operations(**row['operations']) for row in rows if row.get('operations')]
     if len(counted) < len(rows):
         return None
     # Every observation counts, the one at the reset included.
     observations = sum(row['steps'] + 1 for row in rows)
-    return operations_metrics(sum_operations(counted), observations * STEP_S)
+    return operations_metrics(sum_operations(counted), observations * period_s)

@@ -32,7 +32,6 @@ from spikelane.runs.lap.trajectory import read_csv, Trajectory, write_csv
 from spikelane.runs.output import OnProgress, ShowShare
 from spikelane_controllers.operations import Operations
 from spikelane_controllers.registry import title as controller_title
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
@@ -249,7 +248,7 @@ def _write_row(each: LapOfEvaluation, folder: RunFolder, driven: DrivenLap) -> d
         'course': each.config.scenario,
         'lane': each.config.lane,
         'seed': each.config.seed,
-        **lap_metrics(trajectory, STEP_S),
+        **lap_metrics(trajectory, each.config.simulator.period_s),
         'progress_m': float(trajectory.progress_m[-1] - trajectory.progress_m[0]),
         'operations': None if driven.operations is None else driven.operations._asdict(),
     }

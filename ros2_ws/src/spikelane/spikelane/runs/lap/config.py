@@ -9,12 +9,11 @@ from typing import Any
 
 from spikelane.runs.configuration import Configuration, configure, Request
 from spikelane_controllers.weights import shipped_weights
-from spikelane_sim.contract import STEP_S
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
-#: Ends a drive that makes no progress: less than 0.1 m farther within 30 s.
-NO_PROGRESS_STEPS = 600
+#: Ends a drive that makes no progress: less than 0.1 m farther within this time.
+NO_PROGRESS_S = 30.0
 
 #: The time limit of a lap is what this speed needs, a seventh of the usual one [m/s].
 SLOWEST_M_S = 0.02
@@ -69,8 +68,9 @@ def limit_drive(
         length_m: Length of one lap.
     """
     episode = simulator.episode
-    steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * STEP_S))
-    limits = zip(LIMITS, (min(steps, 2**31 - 1), NO_PROGRESS_STEPS), strict=True)
+    steps = math.ceil(episode.max_laps * length_m / (SLOWEST_M_S * simulator.period_s))
+    idle_steps = round(NO_PROGRESS_S / simulator.period_s)
+    limits = zip(LIMITS, (min(steps, 2**31 - 1), idle_steps), strict=True)
     missing = {
         name.removeprefix('episode.'): value
         for name, value in limits

@@ -18,7 +18,7 @@ from spikelane.figures.course_map import draw_course, draw_path
 from spikelane.runs.lap.metrics import lap_metrics
 from spikelane.runs.lap.trajectory import Trajectory
 from spikelane_sim import figure_style as style
-from spikelane_sim.contract import STEP_S, TERMINATED_LANE_LOST
+from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.figure_values import tell_values, Value
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def draw_lap(
         SpikelaneError: The course has no such lane, or the path another ending, or it cannot be
             written.
     """
-    metrics = lap_metrics(trajectory, STEP_S)
+    metrics = lap_metrics(trajectory, trajectory.period_s)
     lane = course.lane(trajectory.lane)
     with style.settings():
         figure = style.new_figure(*_SIZE_IN)

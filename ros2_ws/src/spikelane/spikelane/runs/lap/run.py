@@ -24,7 +24,6 @@ from spikelane_sim.contract import (
     Controller,
     Observation,
     sensors_of,
-    STEP_S,
     WheelVelocities,
 )
 from spikelane_sim.course import load_course
@@ -148,7 +147,7 @@ def report_lap(config: LapConfig, driven: DrivenLap, folder: RunFolder) -> dict[
     """
     trajectory = driven.trajectory
     write_csv(trajectory, folder.trajectory)
-    measured = lap_metrics(trajectory, STEP_S)
+    measured = lap_metrics(trajectory, config.simulator.period_s)
     title = (
         f'{controller_title(config.controller)}, scenario {config.scenario}, {config.lane} lane'
     )

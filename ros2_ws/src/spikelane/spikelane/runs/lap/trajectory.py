@@ -23,6 +23,7 @@ from spikelane.runs.lap.column_store import ColumnStore
 from spikelane_sim.contract import LaneState, Observation, RobotState, WheelVelocities
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import written_whole
+from spikelane_sim.period import PERIOD_NS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -92,6 +93,13 @@ class Trajectory:
     def __len__(self) -> int:
         """Return the number of observations."""
         return len(self.stamp_ns)
+
+    @property
+    def period_s(self) -> float:
+        """Length of a step, as the stamps tell; 50 ms where there is one observation alone."""
+        steps = int(self.step[-1] - self.step[0])
+        lasted_ns = int(self.stamp_ns[-1] - self.stamp_ns[0])
+        return round(lasted_ns / steps) / 1e9 if steps > 0 and lasted_ns > 0 else PERIOD_NS / 1e9
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns by name, in the order of the class."""

@@ -27,6 +27,7 @@ from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import flatten, Parameters
 from spikelane_sim.parsing import parse_json
+from spikelane_sim.period import TimedParameters
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -112,7 +113,8 @@ def run(options: argparse.Namespace) -> int:
         options.scenario or _recorded_scenario(said),
         options.controller,
         _seed(said) if options.seed is None else options.seed,
-        parameters=_recorded_parameters(options, said)
+        parameters=_recorded_period(options.controller, drive)
+        | _recorded_parameters(options, said)
         | given_weights(options)
         | parse_parameters(options.param),
     )
@@ -185,6 +187,15 @@ def _recorded_parameters(options: argparse.Namespace, said: dict[str, str]) -> d
         own.pop('checkpoint', None)
     filters = _recorded_group(said, 'filter', FilterParameters)
     return flatten({options.controller: own, 'filter': filters})
+
+
+def _recorded_period(controller: str, drive: RecordedDrive) -> dict[str, Any]:
+    """Return the control period of what drove, where the controller is made for one."""
+    cls = controller_class(controller).parameters_class
+    period_ms = drive.period_ms
+    if period_ms is None or not issubclass(cls, TimedParameters):
+        return {}
+    return {f'{controller}.period_ms': period_ms}
 
 
 def _recorded_group(said: dict[str, str], name: str, cls: type[Parameters]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim import figure_style as style
-from spikelane_sim.contract import STEP_S
+from spikelane_sim.period import PERIOD_MS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,13 +28,16 @@ _SIZE_IN = (10.6, 6.0)
 _NONE = (np.nan, np.nan)
 
 
-def draw_replay(answers: Sequence[Answer], path: Path, title: str = '') -> tuple[Path, ...]:
+def draw_replay(
+    answers: Sequence[Answer], path: Path, title: str = '', period_s: float = PERIOD_MS / 1000
+) -> tuple[Path, ...]:
     """Draw a replay.
 
     Args:
         answers: To all observations, in order.
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
+        period_s: Length of a step.
 
     Returns:
         The files written; none where there are no observations.
@@ -45,7 +48,7 @@ def draw_replay(answers: Sequence[Answer], path: Path, title: str = '') -> tuple
     if not answers:
         return ()
     # Counted, not read from the stamps: these may begin again at a reset.
-    time_s: Floats = np.arange(len(answers), dtype=np.float64) * STEP_S
+    time_s: Floats = np.arange(len(answers), dtype=np.float64) * period_s
     recorded: Floats = np.array([each.recorded or _NONE for each in answers], np.float64)
     replayed: Floats = np.array([each.replayed or _NONE for each in answers], np.float64)
     differs = np.array([each.is_compared and not each.is_equal for each in answers])
@@ -58,8 +61,8 @@ def draw_replay(answers: Sequence[Answer], path: Path, title: str = '') -> tuple
                 panels[wheel], time_s, recorded[:, wheel], replayed[:, wheel], differs, name
             )
         _draw_drive(panels[2], time_s, answers)
-        panels[2].set_xlabel('time [s], 50 ms an observation')
-        panels[2].set_xlim(0, max(time_s[-1], STEP_S))
+        panels[2].set_xlabel(f'time [s], {1000 * period_s:g} ms an observation')
+        panels[2].set_xlim(0, max(time_s[-1], period_s))
         style.write_title(figure, title, _in_words(answers))
         style.write_legend(figure, _handles(recorded, differs))
         return style.save(figure, path)

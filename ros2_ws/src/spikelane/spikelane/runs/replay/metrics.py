@@ -16,8 +16,6 @@ from spikelane_sim.contract import (
     LaneState,
     Observation,
     RobotState,
-    STEP_NS,
-    STEP_S,
     WheelVelocities,
 )
 from spikelane_sim.events import no_events
@@ -113,7 +111,11 @@ def drive_metrics(answers: Sequence[Answer]) -> dict[str, Any]:
         'max_abs_distance_m': max(map(abs, distances), default=None),
         'mean_distance_m': mean,
         'episodes': [
-            {'episode': _number(episode), 'lane': _lane(episode), **lap_metrics(each, STEP_S)}
+            {
+                'episode': _number(episode),
+                'lane': _lane(episode),
+                **lap_metrics(each, each.period_s),
+            }
             for episode, each in zip(episodes, map(_trajectory, episodes), strict=True)
             if len(each) > 1
         ],
@@ -224,7 +226,7 @@ def summarise(drive: RecordedDrive, answers: Sequence[Answer], sensor: Sensor) -
         **drive_metrics(answers),
         **compare(answers),
         'observations': len(answers),
-        'duration_s': len(answers) * STEP_S,
+        'duration_s': len(answers) * sensor.period_ns / 1e9,
         'source': 'camera' if sensor.is_camera else 'simulator',
         'packets': sensor.packets,
         'lost_packets': sensor.lost,
@@ -250,7 +252,7 @@ def unmeasured(answers: Sequence[Answer], sensor: Sensor) -> str:
             f'{sensor.first_fault}'
         )
     if not answers:
-        ms = STEP_NS // 10**6
+        ms = sensor.period_ns // 10**6
         return (
             f'nothing was measured: the {sensor.packets} event packets make no complete step of '
             f'{ms} ms'

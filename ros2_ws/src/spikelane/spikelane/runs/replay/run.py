@@ -23,7 +23,12 @@ from spikelane.runs.configuration import (
 from spikelane.runs.folder import RunFolder
 from spikelane.runs.replay.config import ReplayConfig, uses_encoders
 from spikelane.runs.replay.metrics import Answer, summarise, write_answers
-from spikelane_controllers.controller_host import ControllerHost, image_size
+from spikelane_controllers.controller_host import (
+    ControllerHost,
+    image_size,
+    period_ms_of,
+    period_ns_of,
+)
 from spikelane_controllers.registry import title as controller_title
 from spikelane_sim import topic_names
 from spikelane_sim.contract import (
@@ -157,6 +162,7 @@ def make_sensor(config: ReplayConfig, drive: RecordedDrive) -> Sensor:
         config.filter,
         width=width,
         height=height,
+        period_ns=period_ns_of(config.controller_parameters),
         has_lane=has_lane,
         sums_events=True,
     )
@@ -177,7 +183,7 @@ def report_replay(
     name = bag.parent.name if bag.name == folder.bag.name else bag.name  # of its run, if it can
     title = f'{controller_title(config.controller)}, seed {config.seed}, on {name}'
     write_answers(answers, folder.path / 'answers.csv')
-    figures = draw_replay(answers, folder.figures / 'replay', title)
+    figures = draw_replay(answers, folder.figures / 'replay', title, sensor.period_ns / 1e9)
     result = {
         'bag': str(config.bag),
         'controller': config.controller,
@@ -197,7 +203,8 @@ def _prepare(config: ReplayConfig, drive: RecordedDrive) -> tuple[ControllerHost
     controller: Any = configured_controller(config)
     if getattr(controller, 'learning', False):
         controller.initialise(controller_rng(config.seed, 0))
-    host = ControllerHost(controller, config.seed, config.controller_parameters)
+    parameters = config.controller_parameters
+    host = ControllerHost(controller, config.seed, parameters, period_ms_of(parameters))
     return host, make_sensor(config, drive)
 
 

@@ -158,6 +158,7 @@ def node_parameters(
             f'seed={config.seed}',
             f'controller={config.controller}',
             f'scenario={config.scenario}',
+            f'period_ms={config.simulator.period_ms}',
             f'parameters={json.dumps(own)}',
             *([f'filter={json.dumps(filters)}'] if filters else []),
         ],

@@ -36,6 +36,7 @@ from spikelane_sim.nodes.running import run_node
 from spikelane_sim.nodes.sole_publishers import SOLE_TOPICS, SolePublishers
 from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
 from spikelane_sim.parameters import nested, parameter, Parameters
+from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.sensor import Sensor
 
 _LOOK_PERIOD_S = 0.02
@@ -53,6 +54,13 @@ class ReplayNodeParameters(Parameters):
         '',
         'Topic of the event packets; empty: /event_camera/events, or the only topic of event '
         'packets.',
+    )
+    period_ms: int = parameter(
+        0,
+        'Control period of the controller; 0: that of the recorded drive, or 50 for a camera.',
+        unit='ms',
+        low=0,
+        high=PERIOD_MS,
     )
     mode: str = parameter(
         'lockstep',
@@ -98,6 +106,7 @@ class ReplayNode(ParameterNode):
         self._sensor = Sensor(
             settings.sensor,
             settings.filter,
+            period_ns=(settings.period_ms or self._drive.period_ms or PERIOD_MS) * 1_000_000,
             has_lane=self._has_lane,
             any_size=True,
             sums_events=True,
