@@ -18,6 +18,8 @@ from spikelane.main import _parser
 from spikelane.runs.arguments import given_parameters, request_of
 from spikelane.runs.configuration import configure
 from spikelane_controllers import registry
+from spikelane_sim.parameters import Parameters
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 ROOT = Path(__file__).parents[3]
 PAGES = [
@@ -144,6 +146,13 @@ def test_a_spikelane_command_is_understood(line: Line) -> None:
         configure(request_of(options, given_parameters(options)), {})
 
 
+def parameters_of(node: str) -> type[Parameters]:
+    """Return the parameters of the simulator or of a controller."""
+    if node == 'simulator':
+        return SimulatorParameters
+    return registry.controller_class(node).parameters_class
+
+
 @pytest.mark.parametrize('line', [line for line in COMMANDS if line not in OURS], ids=named)
 def test_another_command_is_about_what_there_is(line: Line) -> None:
     """Files, targets, nodes, launch files and their arguments."""
@@ -164,6 +173,10 @@ def test_another_command_is_about_what_there_is(line: Line) -> None:
             name = re.escape(argument.partition(':=')[0])
             known = re.search(rf"(argument|flag)\(\s*'{name}'", declared)
             assert known or argument == '--show-args'
+    elif line.words[:3] == ('ros2', 'param', 'set'):
+        node, name, _ = rest[2:]
+        specs = parameters_of(node.removeprefix('/')).specs()
+        assert next(spec for spec in specs if spec.name == name).changes
     elif line.words[:3] == ('ros2', 'service', 'call'):
         _, _, name, kind, request = rest
         assert name == '/simulator/reset'
