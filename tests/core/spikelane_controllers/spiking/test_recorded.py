@@ -20,11 +20,11 @@ from spikelane_sim.contract import (
     controller_rng,
     LaneState,
     Observation,
-    STEP_NS,
     WheelVelocities,
 )
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import make_events
+from spikelane_sim.period import PERIOD_NS
 
 #: What each controller offers.
 OFFERED = {
@@ -42,7 +42,7 @@ def observations() -> list[Observation]:
     for step in range(STEPS):
         rng = np.random.default_rng(step)
         x_px, y_px = rng.integers(0, 128, 150), np.sort(rng.integers(40, 104, 150))
-        stamp_ns = STEP_NS * (step + 1)
+        stamp_ns = PERIOD_NS * (step + 1)
         made.append(Observation(stamp_ns, make_events(stamp_ns, x_px, y_px, 1), lane))
     return made
 
@@ -88,7 +88,7 @@ def test_what_is_recorded_is_as_the_controller_says(name: str) -> None:
                 assert quantity.is_spikes
                 assert (np.diff(sample.offsets_ns) >= 0).all()
                 assert set(sample.sources) <= set(range(len(quantity.axes[0].labels)))
-                assert all(0 < offset <= STEP_NS for offset in sample.offsets_ns)
+                assert all(0 < offset <= PERIOD_NS for offset in sample.offsets_ns)
             else:
                 assert (sample.shape, sample.dtype) == (quantity.shape, np.float64)
 
