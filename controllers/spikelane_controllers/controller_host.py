@@ -12,7 +12,7 @@ from spikelane_sim.episodes import EpisodeWatch
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameter_changes import changeable_specs, ChangingParameters
 from spikelane_sim.parameters import Parameters
-from spikelane_sim.period import PERIOD_MS, TimedParameters
+from spikelane_sim.period import PERIOD_MS, SHORTEST_MS, TimedParameters
 
 
 class ControllerHost:
@@ -83,7 +83,8 @@ class ControllerHost:
         if (now.episode, now.step) != (before.episode, before.step + 1):
             return
         lasted_ms = (observation.stamp_ns - last.stamp_ns) / 1e6
-        if lasted_ms != period_ms:
+        # What is no period at all is a gap: observations were lost.
+        if SHORTEST_MS <= lasted_ms <= PERIOD_MS and lasted_ms != period_ms:
             raise ParameterError(
                 f'period_ms: expected {lasted_ms:g} ms, as the simulator steps, got {period_ms}'
             )

@@ -75,11 +75,11 @@ class ControllerNode(ParameterNode):
         super().__init__(name)
         self.exit_status = 0
         self.is_done = False
-        self._settings = declare_parameters(self, ControllerNodeParameters)
+        self._settings = settings = declare_parameters(self, ControllerNodeParameters)
         self._driver: Controller = self._make_driver(name)
         self._controller: Controller = self._wrap_driver(name, self._driver)
-        seed, period_ms = self._settings.seed, self._period_ms
-        self._host = ControllerHost(self._controller, seed, self._changeable(), period_ms)
+        period_ms = self._period_ms if settings.use_lane_state else None  # else no simulator
+        self._host = ControllerHost(self._controller, settings.seed, self._changeable(), period_ms)
         self._changes = self._let_change()
         self._sensor = self._make_sensor()
         self._seen: _Identity | None = None

@@ -73,8 +73,8 @@ def stamped(step: int, stamp_ms: int) -> Observation:
 def test_a_simulator_with_another_period_is_refused() -> None:
     """Two steps in a row tell; a gap, a new episode or a reset of time tells nothing."""
     host = ControllerHost(Drawing(), 3, period_ms=50)
-    for each in (stamped(0, 50), stamped(1, 100), stamped(3, 110), stamped(3, 10), stamped(0, 20)):
-        host.step(each)
+    for step, stamp_ms in ((0, 50), (1, 100), (2, 400), (4, 410), (4, 10), (0, 20)):
+        host.step(stamped(step, stamp_ms))
     expected = 'period_ms: expected 10 ms, as the simulator steps, got 50'
     with pytest.raises(ParameterError, match=expected):
         host.step(stamped(1, 30))

@@ -462,8 +462,8 @@ def test_every_parameter_is_described(driver: Driver) -> None:
         'pixels.esim.threshold_spread',
     }
     assert by_name['link.latency_ms'].description == (
-        'Latency added between an observation and its command; a multiple of 50 ms. [ms] '
-        'Can be changed while the node runs: from the next step on.'
+        'Latency added between an observation and its command; a multiple of the control period. '
+        '[ms] Can be changed while the node runs: from the next step on.'
     )
     factor = by_name['real_time_factor'].floating_point_range[0]
     assert (factor.from_value, factor.to_value) == (0.01, 1000.0)
@@ -491,7 +491,7 @@ def set_parameters(driver: Driver, **values: Any) -> list[tuple[bool, str]]:
         ('no_such', 1, 'no_such: expected a parameter of /simulator'),
         ('link.event_loss', 2.0, 'link.event_loss: expected a number from 0 to 1, got 2.0'),
         ('link.event_loss', 'x', "link.event_loss: expected a number from 0 to 1, got 'x'"),
-        ('link.latency_ms', 30, 'latency_ms: expected a multiple of 50 ms, got 30'),
+        ('link.latency_ms', 30, 'link.latency_ms: expected a multiple of 50 ms, the control '),
         ('link.latency_ms', None, 'link.latency_ms: expected a whole number from 0 to 60000 ms, '),
     ],
 )
