@@ -37,6 +37,11 @@ AHEAD = (0.1, 0.0)
 _numbers = itertools.count()
 
 
+def velocity(message: Any) -> Any:
+    """Return the Twist of a Twist or a TwistStamped."""
+    return getattr(message, 'twist', message)
+
+
 class Stream:
     """Publishes something 20 times a second, until it is told to be silent."""
 
@@ -117,7 +122,7 @@ class Base:
     @property
     def last(self) -> tuple[float, float]:
         """What the base heard last."""
-        twist = getattr(self.heard[-1][1], 'twist', self.heard[-1][1])
+        twist = velocity(self.heard[-1][1])
         return twist.linear.x, twist.angular.z
 
     def until_it_drives(self) -> None:
@@ -129,7 +134,9 @@ class Base:
     def until_it_stands(self) -> float:
         """Wait until the base hears to stand; return when it did so first."""
         self.graph.until(lambda: self.last == (0.0, 0.0), 'a stop')
-        stops = itertools.takewhile(lambda each: each[1].linear.x == 0.0, reversed(self.heard))
+        stops = itertools.takewhile(
+            lambda each: velocity(each[1]).linear.x == 0.0, reversed(self.heard)
+        )
         *_, (first_s, _) = stops
         return first_s
 
@@ -278,9 +285,12 @@ def test_a_joystick_without_the_button_is_named(graph: Any) -> None:
     """It holds nothing."""
     base = Base(graph, {'base.dead_man': 'joystick', 'base.dead_man_button': 9})
     publisher = base.publisher(Joy, 'joy')
-    with base.seeing():
-        publisher.publish(Joy(buttons=[1, 1]))
-        base.until_said('joy: expected a button 9, got 2 buttons; taken as not held')
+    joystick = Stream(lambda: publisher.publish(Joy(buttons=[1, 1])))
+    try:
+        with base.seeing():
+            base.until_said('joy: expected a button 9, got 2 buttons; taken as not held')
+    finally:
+        joystick.end()
     assert base.heard == []
     base.process.kill()
 
