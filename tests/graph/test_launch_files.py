@@ -136,6 +136,34 @@ def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(tmp_path: Path) -
         np.testing.assert_array_equal(getattr(recorded, column), getattr(driven, column))
 
 
+def test_a_composed_lap_is_the_lap_of_two_processes(tmp_path: Path) -> None:
+    """One process with both nodes, and the same recorded path to the last bit."""
+    paths = []
+    for composed, processes in (('false', 3), ('true', 2)):
+        bag = tmp_path / f'bag_{composed}'
+        given = ('max_steps:=60', 'seed:=3', 'controller:=rstdp', f'composed:={composed}')
+        with launched(tmp_path, 'lap', *given, f'bag:={bag}') as launch:
+            status, endings = launch.wait()
+        assert status == 0
+        assert len(endings) == processes
+        assert endings[-1] == ('/recorder', 0)
+        paths.append(read_trajectory(bag))
+    for column in ('x_m', 'y_m', 'distance_m', 'left_rad_s', 'right_rad_s'):
+        np.testing.assert_array_equal(*(getattr(path, column) for path in paths))
+
+
+def test_composed_controllers_are_compared_in_namespaces(tmp_path: Path) -> None:
+    """A process each, whose nodes have the parameters of their own names."""
+    given = ('max_steps:=60', 'composed:=true', f'bag:={tmp_path / "bag"}')
+    with launched(tmp_path, 'compare', *given) as launch:
+        status, endings = launch.wait()
+    assert status == 0
+    assert len(endings) == 3
+    counts = counts_in(tmp_path / 'bag')
+    every = [f'/{name}/controller/state' for name in ('braitenberg', 'rstdp')]
+    assert {topic: counts[topic] for topic in every} == dict.fromkeys(every, 61)
+
+
 def counts_in(bag: Path) -> dict[str, int]:
     """Return how many messages of each topic a bag has."""
     with AnyReader([bag]) as reader:
@@ -299,6 +327,21 @@ def test_the_viewer_says_where_to_look_and_ends_on_ctrl_c(tmp_path: Path) -> Non
         os.killpg(launch.process.pid, signal.SIGINT)
         status, endings = launch.wait()
     assert (status, endings) == (0, [('/viewer', 0)])
+
+
+@pytest.mark.parametrize(
+    ('robot', 'without'), [('p3dx', ('camera', 'base', 'joystick')), ('turtlebot4', ('camera',))]
+)
+def test_a_real_robot_is_driven_by_its_parameters(
+    tmp_path: Path, robot: str, without: tuple[str, ...]
+) -> None:
+    """Without the drivers, which are not here: the controller waits for events, until Ctrl-C."""
+    with launched(tmp_path, robot, *(f'{name}:=false' for name in without)) as launch:
+        launch.until('ready: answers /event_camera/events')
+        os.killpg(launch.process.pid, signal.SIGINT)
+        status, endings = launch.wait()
+    assert (status, endings) == (0, [('/rstdp', 0)])
+    assert 'wheel_velocities to cmd_vel' in launch.log.read_text()
 
 
 def test_a_wrong_argument_is_told(tmp_path: Path) -> None:

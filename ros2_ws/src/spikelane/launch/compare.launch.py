@@ -52,13 +52,7 @@ def start(context: LaunchContext) -> list[Any]:
             f'got {",".join(names)}'
         )
     lap = lap_parameters(arguments)
-    pairs = [
-        [
-            graph.simulator(arguments, name, lap, namespace=name),
-            graph.controller(name, arguments, {}, namespace=name),
-        ]
-        for name in names
-    ]
+    pairs = [graph.driving(name, arguments, lap, namespace=name) for name in names]
     topics = [
         topic_names.DIAGNOSTICS,
         *(topic for name in names for topic in graph.in_namespace(name)),

@@ -43,8 +43,5 @@ def start(context: LaunchContext) -> list[Any]:
     arguments = Arguments(context)
     name = arguments.text('controller')
     lap = {**lap_parameters(arguments), 'autostart': arguments.is_true('autostart')}
-    driving = [
-        graph.simulator(arguments, name, lap),
-        graph.controller(name, arguments, {}),
-    ]
+    driving = graph.driving(name, arguments, lap)
     return graph.whole_run(arguments, [driving], ('controller', 'scenario', 'seed'))

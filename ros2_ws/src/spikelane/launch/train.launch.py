@@ -48,8 +48,6 @@ def start(context: LaunchContext) -> list[Any]:
         'resume': arguments.is_true('resume'),
         **({'steps': steps} if steps else {}),
     }
-    driving = [
-        graph.simulator(arguments, name, defaults['simulator']),
-        graph.controller(name, arguments, defaults[name] | learning),
-    ]
+    own = defaults[name] | learning
+    driving = graph.driving(name, arguments, defaults['simulator'], own)
     return graph.whole_run(arguments, [driving], ('controller', 'scenario', 'seed'))

@@ -74,6 +74,7 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
             '',
         ),
         argument('bag', 'Folder to record to, must not exist; empty: rosbag2_<date>-<time>.', ''),
+        flag('composed', 'Run simulator and controller as two nodes of one process.', False),
         flag('record', 'Record the run in a bag.', record),
         flag('viewer', 'Show the run in the browser; Ctrl-C then ends all.', False),
         argument(

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 import signal
 import sys
+from tempfile import NamedTemporaryFile
+from types import MappingProxyType
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
@@ -20,13 +22,19 @@ from launch.events.process import ShutdownProcess
 from launch_ros.actions import Node
 from launch_ros.utilities import prefix_namespace
 
-from spikelane.executables import executables, is_installed_by_pip, MODULE_ARGUMENTS
+from spikelane.executables import (
+    composed_command,
+    executables,
+    is_installed_by_pip,
+    MODULE_ARGUMENTS,
+)
 from spikelane.launch.arguments import Arguments
 from spikelane.runs.lap.nodes.driving import recorded_topics
 from spikelane_controllers.registry import controller_packages
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.files import write_yaml
 from spikelane_sim.nodes.meeting import meeting_parameters
 from spikelane_sim.parameters import flatten
 from spikelane_sim.parsing import ParseError, read_yaml_file
@@ -44,40 +52,45 @@ _TOLD_STATUSES = (
 )
 
 
-def simulator(
-    arguments: Arguments, driver: str, others: Mapping[str, Any], *, namespace: str = ''
-) -> Node:
-    """Return the simulator in the argument's scenario and with its seed.
+def driving(
+    name: str,
+    arguments: Arguments,
+    simulator_own: Mapping[str, Any],
+    controller_own: Mapping[str, Any] = MappingProxyType({}),
+    *,
+    namespace: str = '',
+) -> list[Node]:
+    """Return simulator and controller, in one process where the argument `composed` is true.
+
+    The simulator has the argument's scenario, and the controller the weights shipped for it, where
+    it has some. Both have the argument's seed.
 
     Args:
+        name: The controller's in the registry.
         arguments: Arguments of the launch.
-        driver: The controller that it waits for, in the same namespace.
-        others: More parameters, under dotted names.
-        namespace: Namespace of the node within that of the launch.
+        simulator_own: More parameters of the simulator, under dotted names.
+        controller_own: The same of the controller.
+        namespace: Namespace of the nodes within that of the launch.
     """
+    parameters = {
+        'simulator': _simulator_parameters(arguments, name) | {**simulator_own},
+        name: _controller_parameters(arguments, name) | {**controller_own},
+    }
+    if arguments.is_true('composed'):
+        return [_composed(arguments, name, namespace, parameters)]
+    return [_node(arguments, node, namespace, [own]) for node, own in parameters.items()]
+
+
+def _simulator_parameters(arguments: Arguments, driver: str) -> dict[str, Any]:
+    """Return the simulator's parameters; it waits for the driver, in the same namespace."""
     shipped = _shipped('spikelane_sim', f'scenario_{arguments.text("scenario")}')
     file = Path(arguments.text('simulator_file') or shipped)
     seed = {'seed': arguments.number('seed')}
     waiting, _ = meeting_parameters(driver, is_recorded=arguments.is_true('record'))
-    parameters = [_in_file(file, 'simulator'), seed, waiting, _for_others(arguments), others]
-    return _node(arguments, 'simulator', namespace, parameters)
+    return {**_in_file(file, 'simulator'), **seed, **waiting, **_for_others(arguments)}
 
 
-def controller(
-    name: str,
-    arguments: Arguments,
-    others: Mapping[str, Any],
-    *,
-    namespace: str = '',
-) -> Node:
-    """Return a controller, with the weights shipped for the scenario where it has some.
-
-    Args:
-        name: In the registry.
-        arguments: Arguments of the launch.
-        others: More parameters, under dotted names.
-        namespace: Namespace of the node within that of the launch.
-    """
+def _controller_parameters(arguments: Arguments, name: str) -> dict[str, Any]:
     shipped = _shipped(controller_packages()[name], name)
     given = arguments.text('controller_file')
     course = f'scenario_{arguments.text("scenario")}'
@@ -86,8 +99,7 @@ def controller(
     _, waiting = meeting_parameters(name, is_recorded=arguments.is_true('record'))
     # Another package need not have a file of defaults.
     file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
-    parameters = [file, weights, seed, waiting, _for_others(arguments), others]
-    return _node(arguments, name, namespace, parameters)
+    return {**file, **weights, **seed, **waiting, **_for_others(arguments)}
 
 
 def controller_on_robot(
@@ -216,7 +228,9 @@ def end_in_order(
 
 
 def _ended(event: Any) -> str:
-    return f'{event.action.node_name} ended with status {event.returncode}'
+    node = event.action
+    name = node.node_name if node.is_node_name_fully_specified() else event.process_name
+    return f'{name} ended with status {event.returncode}'
 
 
 def in_namespace(namespace: str) -> list[str]:
@@ -227,17 +241,31 @@ def in_namespace(namespace: str) -> list[str]:
     ]
 
 
+def _composed(
+    arguments: Arguments, name: str, namespace: str, parameters: Mapping[str, Mapping[str, Any]]
+) -> Node:
+    """Return the process of two nodes; it is called what they are together in the log."""
+    given, remappings = _place(arguments, namespace)
+    # As launch_ros does with the parameters of a node, which has one name here.
+    with NamedTemporaryFile(prefix='launch_params_', suffix='.yaml', delete=False) as file:
+        path = Path(file.name)
+    write_yaml(path, {f'/**/{node}': {'ros__parameters': own} for node, own in parameters.items()})
+    program, *rest = composed_command(name)
+    return Node(
+        executable=program,
+        arguments=rest,
+        exec_name=f'simulator+{name}',
+        namespace=given,
+        parameters=[str(path)],
+        remappings=remappings,
+        output='screen',
+    )
+
+
 def _node(
     arguments: Arguments, name: str, namespace: str, parameters: Sequence[Mapping[str, Any]]
 ) -> Node:
-    given = prefix_namespace(arguments.text('namespace') or None, namespace or None) or ''
-    remappings = []
-    if arguments.pushed_namespace or given.strip('/'):
-        remappings += [(topic, topic[1:]) for topic in _GLOBAL_TOPICS]
-    if namespace:  # the recorder is not in it
-        outer = prefix_namespace(arguments.pushed_namespace, arguments.text('namespace') or None)
-        outer = f'/{(outer or "").strip("/")}'.rstrip('/')
-        remappings += [(topic, f'{outer}/{topic}') for topic in _MEETING_TOPICS]
+    given, remappings = _place(arguments, namespace)
     by_pip = is_installed_by_pip(name)
     return Node(
         package=None if by_pip else executables()[name],
@@ -249,6 +277,19 @@ def _node(
         remappings=remappings,
         output='screen',
     )
+
+
+def _place(arguments: Arguments, namespace: str) -> tuple[str, list[tuple[str, str]]]:
+    """Return the namespace of a node, and the topics that have other names there."""
+    given = prefix_namespace(arguments.text('namespace') or None, namespace or None) or ''
+    remappings = []
+    if arguments.pushed_namespace or given.strip('/'):
+        remappings += [(topic, topic[1:]) for topic in _GLOBAL_TOPICS]
+    if namespace:  # the recorder is not in it
+        outer = prefix_namespace(arguments.pushed_namespace, arguments.text('namespace') or None)
+        outer = f'/{(outer or "").strip("/")}'.rstrip('/')
+        remappings += [(topic, f'{outer}/{topic}') for topic in _MEETING_TOPICS]
+    return given, remappings
 
 
 def _shipped(package: str, name: str) -> str:
