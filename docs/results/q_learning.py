@@ -18,14 +18,13 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
+from rigid import draw_tests  # next to this script
 
 from spikelane.statistics import equivalence_statistics
 from spikelane_controllers.checkpoint import read_checkpoint
 from spikelane_sim.figure_style import (
-    INK,
     LEFT,
     new_figure,
-    PALE_INK,
     RIGHT,
     save,
     settings,
@@ -129,7 +128,8 @@ def draw(
         figure.set_layout_engine('constrained')
         curves, margins = figure.subplots(1, 2)
         _draw_curves(curves, learnt)
-        _draw_tests(margins, tests)
+        draw_tests(margins, tests, 'Numba to PyTorch')
+        margins.set_title('Equivalence')
         save(figure, path)
 
 
@@ -146,20 +146,6 @@ def _draw_curves(axes: Axes, learnt: dict[str, list[Learnt]]) -> None:
         title=f'Trainings of {len(SEEDS)} seeds, and their means',
     )
     axes.legend(frameon=False, loc='lower right')
-
-
-def _draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]]) -> None:
-    for row, (_, found) in enumerate(reversed(tests)):
-        margin = found['margin']
-        ends = [found['ci_low'] / margin, found['ci_high'] / margin]
-        axes.plot(ends, [row, row], color=INK, linewidth=2)
-        axes.plot(found['mean'] / margin, row, 'o', color=INK, markersize=4)
-    axes.axvspan(-1, 1, color=RIGHT, alpha=0.12, linewidth=0)
-    axes.axvline(0, color=PALE_INK, linewidth=0.8)
-    axes.set_yticks(range(len(tests)), [name for name, _ in reversed(tests)], fontsize=7)
-    axes.set(
-        xlabel='log ratio, Numba to PyTorch, as a part of its margin; 90 %', title='Equivalence'
-    )
 
 
 def main() -> None:

@@ -270,7 +270,8 @@ def draw(
         axes = figure.subplot_mosaic([['drives', 'losses'], ['tests', 'tests']])
         _draw_drives(axes['drives'], drives)
         _draw_losses(axes['losses'], losses)
-        _draw_tests(axes['tests'], tests)
+        draw_tests(axes['tests'], tests, 'rigid to pybullet')
+        axes['tests'].set_title('The closed loop')
         save(figure, path)
 
 
@@ -317,7 +318,8 @@ def _draw_losses(axes: Axes, losses: list[Pair]) -> None:
     axes.legend(fontsize=6, frameon=False, loc='upper right')
 
 
-def _draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]]) -> None:
+def draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]], ratio: str) -> None:
+    """Draw tests of equivalence by name; `ratio` says of what to what."""
     for row, (_, found) in enumerate(reversed(tests)):
         margin = found['margin']
         ends = [found['ci_low'] / margin, found['ci_high'] / margin]
@@ -326,10 +328,7 @@ def _draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]]) -> None:
     axes.axvspan(-1, 1, color=RIGHT, alpha=0.12, linewidth=0)
     axes.axvline(0, color=PALE_INK, linewidth=0.8)
     axes.set_yticks(range(len(tests)), [name for name, _ in reversed(tests)], fontsize=7)
-    axes.set(
-        xlabel='log ratio, rigid to pybullet, as a part of its margin; 90 % intervals',
-        title='The closed loop',
-    )
+    axes.set_xlabel(f'log ratio, {ratio}, as a part of its margin; 90 % intervals')
 
 
 def main() -> None:
