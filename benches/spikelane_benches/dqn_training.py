@@ -29,7 +29,7 @@ def measure_dqn_training(actions: int = 1500, repeats: int = 3) -> dict[str, Any
     """Train in scenario 1 with the paper's parameters, checkpoints included.
 
     Args:
-        actions: Of each training.
+        actions: Number of actions of each training.
         repeats: Counted ones; one before them compiles and is not counted.
 
     Returns:

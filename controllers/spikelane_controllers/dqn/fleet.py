@@ -11,10 +11,10 @@ from spikelane_controllers.dqn.controller import Dqn, EndedAction
 from spikelane_controllers.dqn.experience_buffer import Replay
 from spikelane_controllers.dqn.fleet_kernel import (
     advance,
+    Agent,
     Ended,
     make_ended,
-    Mind,
-    MIND_DTYPE,
+    NUMBERS_DTYPE,
     repeat,
     Setting,
 )
@@ -64,10 +64,10 @@ class DqnFleet:
         self._simulators = simulators
         self._setting = _make_setting(self.controllers[0])
         self._chance = Generators(number)
-        self._numbers = np.zeros(number, MIND_DTYPE)
+        self._numbers = np.zeros(number, NUMBERS_DTYPE)
         self._seen = np.zeros((number, image.rows, image.columns), np.int64)
         self._ended: list[Ended] = [make_ended(0, image.rows, image.columns)] * number
-        self._minds = [_make_mind(each) for each in self.controllers]
+        self._agents: dict[int, Agent] = {}
         for robot in range(number):
             self.load(robot)
 
@@ -92,15 +92,15 @@ class DqnFleet:
             learner = controller.learner
             own['steps'], own['updates'] = learner.steps, learner.updates
             own['loss'] = learner.loss
-        self._minds[robot] = _make_mind(controller)
+        self._agents[robot] = _make_agent(controller)
 
     def store(self, robot: int) -> None:
         """Bring a controller up to date; its weights and experience always are."""
-        controller, own, mind = self.controllers[robot], self._numbers[robot], self._minds[robot]
+        controller, own, agent = self.controllers[robot], self._numbers[robot], self._agents[robot]
         controller.held, controller.action = int(own['held']), int(own['action'])
         controller.actions, controller.reward = int(own['actions']), float(own['reward'])
-        controller.image.frames = np.roll(mind.frames, -int(own['oldest']), axis=0)
-        controller.counts, controller.inputs = mind.counts.copy(), mind.state.copy()
+        controller.image.frames = np.roll(agent.frames, -int(own['oldest']), axis=0)
+        controller.counts, controller.inputs = agent.counts.copy(), agent.state.copy()
         if own['decisions']:  # else it shows what it did when it was loaded
             active = int(own['last_active'])
             controller.operations = (
@@ -117,10 +117,9 @@ class DqnFleet:
 
     def taken_in(self, robot: int) -> list[EndedAction]:
         """Return the actions that ended in the last call of `advance`."""
-        ended, number = self._ended[robot], int(self._numbers[robot]['n_ended'])
-        columns = (ended.rewards.tolist(), ended.updates.tolist(), ended.losses.tolist())
-        rows = zip(*columns, ended.counts, strict=True)
-        return [EndedAction(*row) for row, _ in zip(rows, range(number), strict=False)]
+        ended, n = self._ended[robot], int(self._numbers[robot]['n_ended'])
+        columns = (each[:n].tolist() for each in (ended.rewards, ended.updates, ended.losses))
+        return [EndedAction(*row) for row in zip(*columns, ended.counts[:n], strict=True)]
 
     def look(self, robot: int) -> None:
         """Let a controller see no events."""
@@ -137,8 +136,8 @@ class DqnFleet:
         # The first action may be about to end, and the observation that ends an episode ends one.
         room = journey.answers.shape[1] // self._setting.steps_per_action + 2
         for robot in range(first, last):
-            mind, own = self._minds[robot], self._numbers[robot]
-            ended = make_ended(room if mind.is_learning else 0, *mind.counts.shape)
+            agent, own = self._agents[robot], self._numbers[robot]
+            ended = make_ended(room if agent.is_learning else 0, *agent.counts.shape)
             self._ended[robot] = ended
             own['n_ended'], journey.taken[robot], journey.has_ended[robot] = 0, 0, False
             is_done = False
@@ -149,7 +148,7 @@ class DqnFleet:
                     scratch,
                     TEMPLATE,
                     self._setting,
-                    mind,
+                    agent,
                     self._numbers,
                     self._seen,
                     ended,
@@ -193,7 +192,7 @@ def _make_setting(controller: Dqn) -> Setting:
     )
 
 
-def _make_mind(controller: Dqn) -> Mind:
+def _make_agent(controller: Dqn) -> Agent:
     """Return what is in the kernel of a controller as it is now."""
     network, is_learning = controller.network, controller.is_learning
     none = make_learnt(0, 0)
@@ -202,7 +201,7 @@ def _make_mind(controller: Dqn) -> Mind:
         learnt, replay = learner.learnt or none._replace(weights=learner.weights), learner.replay
     else:
         learnt, replay = none._replace(weights=flat_weights(network)), Replay(0, 0)
-    return Mind(
+    return Agent(
         is_learning,
         is_learning and controller.learner.learnt is not None,
         learnt,

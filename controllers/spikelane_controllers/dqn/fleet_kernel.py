@@ -1,7 +1,7 @@
 """The deep Q-network of one robot of a fleet, compiled: what `Dqn.step` and `QLearning` do.
 
 The arrays of what learns are those of the robot's own `QLearning`: megabytes that nothing copies.
-Whatever else changes is in a record of `MIND_DTYPE` and in small arrays.
+Whatever else changes is in a record of `NUMBERS_DTYPE` and in small arrays.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LANE_LOST = REASONS.index(TERMINATED_LANE_LOST)
 _MOST_COUNTED = 255  # as `visited_states` keeps them
 
 #: Numbers that change; see `Dqn` and `QLearning`.
-MIND_DTYPE = np.dtype(
+NUMBERS_DTYPE = np.dtype(
     [
         ('held', '<i8'),
         ('action', '<i8'),
@@ -38,7 +38,7 @@ MIND_DTYPE = np.dtype(
         ('steps', '<i8'),
         ('updates', '<i8'),
         ('loss', '<f8'),
-        ('oldest', '<i8'),  # of `Mind.frames`
+        ('oldest', '<i8'),  # of `Agent.frames`
         ('n_ended', '<i8'),  # rows of `Ended` that count
         ('has_ended', '<i8'),  # whether an action ended with the observation to be answered
         ('is_due', '<i8'),  # whether an update is to be made elsewhere before it is answered
@@ -59,7 +59,7 @@ class Setting(NamedTuple):
         reward_sigma_m: Standard deviation of the reward.
         wheels: Velocities of the wheels in each action [rad/s], (n_actions, 2).
         shape: Sizes of the layers.
-        rates: Of an update.
+        rates: Discount and learning rates that an update uses.
         exploration: How it falls.
         batch_size: Transitions in an update.
         update_every: Actions between two updates.
@@ -77,7 +77,7 @@ class Setting(NamedTuple):
     update_every: int
 
 
-class Mind(NamedTuple):
+class Agent(NamedTuple):
     """What the network of one robot is and remembers.
 
     Attributes:
@@ -105,7 +105,7 @@ class Ended(NamedTuple):
     Attributes:
         rewards: What they brought, (n,).
         updates: Updates that there were in all, (n,).
-        losses: Of the last update, (n,).
+        losses: Loss of the last update before the action ended, (n,).
         counts: Events that they led to, at most 255, (n, rows, columns).
     """
 
@@ -127,7 +127,7 @@ def make_ended(room: int, rows: int, columns: int) -> Ended:
 
 @numba.njit(cache=True, nogil=True)
 def advance(  # type: ignore[no-untyped-def]
-    world, robots, scratch, template, setting, mind, minds, seen, ended, chance, journey, i
+    world, robots, scratch, template, setting, agent, numbers, seen, ended, chance, journey, i
 ):
     """Let robot i answer observations and drive, until it has done its part or an update is due.
 
@@ -137,8 +137,8 @@ def advance(  # type: ignore[no-untyped-def]
         scratch: A `Scratch` of this thread.
         template: `generators.TEMPLATE`.
         setting: The `Setting`.
-        mind: The `Mind` of the robot.
-        minds: Records of `MIND_DTYPE`, (n_robots,).
+        agent: The `Agent` of the robot.
+        numbers: Records of `NUMBERS_DTYPE`, (n_robots,).
         seen: Events in the observations to be answered, (n_robots, rows, columns).
         ended: The `Ended`, with room for all actions.
         chance: Addresses of the generators that actions and transitions are drawn from,
@@ -146,15 +146,15 @@ def advance(  # type: ignore[no-untyped-def]
         journey: The `Journey`.
         i: Which robot.
     """
-    own = minds[i]
+    own = numbers[i]
     rng = generator_at(template, chance[i])
     while journey.taken[i] < journey.wanted[i]:
         if not own.is_due:
-            _observe(setting, mind, own, seen[i], rng, robots.known[i])
+            _observe(setting, agent, own, seen[i], rng, robots.known[i])
             if own.is_due:
                 return
         own.is_due = 0
-        _answer(setting, mind, own, ended, rng, robots.known[i])
+        _answer(setting, agent, own, ended, rng, robots.known[i])
         left, right = setting.wheels[own.action]
         if not write_down(robots, journey, i, left, right):
             break
@@ -173,71 +173,71 @@ def repeat(  # type: ignore[no-untyped-def]
 
 
 @inner
-def _observe(setting, mind, own, seen, rng, known):  # type: ignore[no-untyped-def]
+def _observe(setting, agent, own, seen, rng, known):  # type: ignore[no-untyped-def]
     """Take in an observation; see `Dqn.step`."""
     own.held += 1
     own.has_ended = 0
     if own.held > 0:
-        mind.frames[own.oldest] = seen
-        own.oldest = (own.oldest + 1) % len(mind.frames)
+        agent.frames[own.oldest] = seen
+        own.oldest = (own.oldest + 1) % len(agent.frames)
         if own.held == setting.steps_per_action or known.reason > 0:
-            _end_action(setting, mind, own, rng, known)
+            _end_action(setting, agent, own, rng, known)
 
 
 @inner
-def _answer(setting, mind, own, ended, rng, known):  # type: ignore[no-untyped-def]
+def _answer(setting, agent, own, ended, rng, known):  # type: ignore[no-untyped-def]
     """Choose what to do after an observation; see `Dqn.step`."""
     own.last_active = -1
-    if own.has_ended and mind.is_learning:
-        _write_down_action(own, mind.counts.ravel(), ended)
+    if own.has_ended and agent.is_learning:
+        _write_down_action(own, agent.counts.ravel(), ended)
     if own.held == 0 and not known.reason > 0:
-        own.last_active = np.count_nonzero(mind.state)
+        own.last_active = np.count_nonzero(agent.state)
         own.decisions += 1
         own.active += own.last_active
-        own.action = _choose(setting, mind, own, rng)
+        own.action = _choose(setting, agent, own, rng)
 
 
 @inner
-def _choose(setting, mind, own, rng):  # type: ignore[no-untyped-def]
+def _choose(setting, agent, own, rng):  # type: ignore[no-untyped-def]
     """Return an action; see `QLearning.act`."""
-    if mind.is_learning and rng.random() < exploration_rate(setting.exploration, own.steps):
+    if agent.is_learning and rng.random() < exploration_rate(setting.exploration, own.steps):
         return rng.integers(0, setting.shape.n_actions)
-    network = layers(mind.learnt.weights, setting.shape)
-    return np.int64(np.argmax(values_of(network, mind.state.reshape(1, -1))[0]))
+    network = layers(agent.learnt.weights, setting.shape)
+    return np.int64(np.argmax(values_of(network, agent.state.reshape(1, -1))[0]))
 
 
 @inner
-def _end_action(setting, mind, own, rng, known):  # type: ignore[no-untyped-def]
+def _end_action(setting, agent, own, rng, known):  # type: ignore[no-untyped-def]
     """Observe what the action led to, and learn from it."""
-    before = mind.state.copy()
+    before = agent.state.copy()
     own.held, own.has_ended = 0, 1
     own.actions += 1
-    counts = mind.counts
+    counts = agent.counts
     counts[:] = 0
-    for frame in range(len(mind.frames)):
-        counts += mind.frames[frame]
+    for frame in range(len(agent.frames)):
+        counts += agent.frames[frame]
     seen = counts.ravel()
     for k in range(len(seen)):
-        mind.state[k] = seen[k] > 0
+        agent.state[k] = seen[k] > 0
     own.reward = lane_centre_reward(known.distance_m, setting.reward_sigma_m)
-    if mind.is_learning:
-        _learn(setting, mind, own, before, rng, known.reason == _LANE_LOST)
+    if agent.is_learning:
+        _learn(setting, agent, own, before, rng, known.reason == _LANE_LOST)
 
 
 @inner
-def _learn(setting, mind, own, before, rng, is_final):  # type: ignore[no-untyped-def]
+def _learn(setting, agent, own, before, rng, is_final):  # type: ignore[no-untyped-def]
     """Take in a transition, and update when it is time; see `QLearning.learn`."""
-    put(mind.transitions, own.steps, before, own.action, own.reward, mind.state, is_final)
+    put(agent.transitions, own.steps, before, own.action, own.reward, agent.state, is_final)
     own.steps += 1
     is_time = own.steps % setting.update_every == 0
     if not (is_time and own.steps > setting.exploration.random_steps):
         return
-    own.is_due = not mind.is_compiled
-    if mind.is_compiled:
-        kept = min(own.steps, len(mind.transitions.actions))
+    own.is_due = not agent.is_compiled
+    if agent.is_compiled:
+        kept = min(own.steps, len(agent.transitions.actions))
         drawn = rng.integers(0, kept, setting.batch_size)
         own.loss = update(
-            mind.learnt, setting.shape, setting.rates, mind.transitions, drawn, own.updates
+            agent.learnt, setting.shape, setting.rates, agent.transitions, drawn, own.updates
         )
         own.updates += 1
 

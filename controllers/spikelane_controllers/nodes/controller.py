@@ -85,7 +85,7 @@ class ControllerNode(ParameterNode):
         self._seen: _Identity | None = None
         self._answer = WheelVelocities()
         self._is_answered = self._is_sent = self._is_halted = False
-        # Of the last observation answered.
+        # The lane state of the last observation that was answered.
         self._lane: LaneState | contract.LaneState | None = None
         # Observations come in one thread, subscribers join in another.
         self._lock = threading.Lock()

@@ -41,7 +41,7 @@ class ControllerNodeParameters(MeetingParameters):
     command: str = parameter(
         'wheels',
         "What drives the robot. wheels: wheel_velocities alone. twist, twist_stamped: the robot's "
-        'base takes cmd_vel as Twist or TwistStamped, which is published beside them.',
+        'base takes cmd_vel as Twist or TwistStamped, which is published in addition to them.',
         choices=('wheels', 'twist', 'twist_stamped'),
     )
     max_events_per_s: float = parameter(

@@ -98,7 +98,7 @@ class Devices:
         """Return the events of a step that reach the controller.
 
         Args:
-            poses: Of the body, at the images of the step, (n, 7).
+            poses: Poses of the body when the images of the step are taken, (n, 7).
             start_ns: Simulation time before the step [ns].
             end_ns: The same after it.
         """

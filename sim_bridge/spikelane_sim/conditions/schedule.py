@@ -13,7 +13,7 @@ from spikelane_sim.contract import conditions_rng
 from spikelane_sim.robots import WHEEL_ERRORS
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
-#: Of the parameters of a phase, in which nothing changes any more.
+#: What a phase has instead of these parameters, since nothing changes in it any more.
 _CHECKED = {'randomisation.enabled': False, 'perturbation.changes': []}
 
 

@@ -157,7 +157,7 @@ def smallest(measure: Callable[[], float]) -> float:
     return min(times_s)
 
 
-def test_a_twist_is_published_beside_the_wheel_velocities(graph: Any) -> None:
+def test_a_twist_is_published_in_addition_to_wheel_velocities(graph: Any) -> None:
     """What both wheels mean for the body; both are there for each step."""
     base = Base(graph, {})
     base.until_said('wheel radius 0.1 m, track 0.5 m, at most 0.5 m/s and 1.5 rad/s')

@@ -65,7 +65,7 @@ def replay(
         config: Controller and seed.
         drive: The recording.
         show: Called after each observation with their number and the way along the lane [m].
-        changes: Of the controller's parameters; each is made again where it took effect.
+        changes: Changes of the controller's parameters; each is made again where it took effect.
 
     Raises:
         SpikelaneError: The controller cannot be made, or the sensor's parameters do not go with
@@ -113,7 +113,7 @@ class ChangesAgain:
         """Begin before the first change.
 
         Args:
-            host: Of the controller.
+            host: The host of the controller.
             changes: In the order of recording.
         """
         self._host = host
