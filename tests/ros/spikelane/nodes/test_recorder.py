@@ -10,6 +10,7 @@ import random
 import re
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -247,6 +248,25 @@ def test_lost_messages_are_counted_by_topic(
     assert int(found[1]) == missing[0.0] > 0
     assert int(found[2]) == missing[0.25] + missing[0.5] > 0
     assert ended == status
+
+
+def test_a_second_publisher_of_a_moment_loses_nothing(graph: Graph) -> None:
+    """Each numbers its own messages, also when both have come and gone within a second."""
+    first = graph.publisher(Float64, 'x')
+    process = graph.record()
+    publish(graph, first, range(5))
+    second = graph.publisher(Float64, 'x')
+    for _ in range(20):  # most of them before the recorder knows of it
+        second.publish(Float64(data=-1.0))
+    wait_until(second.get_subscription_count)
+    for value, publisher in ((5.0, first), (6.0, second)):
+        time.sleep(0.1)
+        publisher.publish(Float64(data=value))
+    last = struct.pack('<d', 6.0)
+    wait_until(lambda: any(m.data.endswith(last) for m in BagReader(graph.bag).messages(['/x'])))
+    graph.node.destroy_publisher(second)
+    status, errors = stop(process)
+    assert (status, 'lost:' in errors) == (0, False), errors
 
 
 def test_a_second_signal_is_harmless(graph: Graph) -> None:

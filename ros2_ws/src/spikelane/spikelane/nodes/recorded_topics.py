@@ -130,6 +130,9 @@ class RecordedTopics:
         arrivals: list[Arrival] = []
         for name, subscription in self._subscriptions.items():
             topic_id = self.ids[name]
+            # Asked at each taking: a second publisher may be gone again a moment later.
+            if subscription.get_publisher_count() > 1:
+                self._recording.watch_losses(topic_id, has_one_publisher=False)
             # A publisher that outruns us must not keep us from the others.
             for _ in range(self._depth):
                 taken = take_raw(subscription)
@@ -157,8 +160,6 @@ class RecordedTopics:
             if topic_id == NOT_RECORDED:
                 continue
             publishers = self._node.get_publishers_info_by_topic(name)
-            if len(publishers) > 1:
-                self._recording.watch_losses(topic_id, has_one_publisher=False)
             for problem in problems(self._profiles[name], publishers):
                 self._warn_once(name, problem)
 
