@@ -10,7 +10,8 @@ time it is, the simulation's or the wall's.
 - A stop is not slowed down: the base is told to stand at once, three times, since it may be told
   best-effort. The topic is then left to others that may drive, until the reason is gone.
 - Reasons to stop are a source that has been silent for too long, a dead-man switch that is not
-  held, more events a second than are allowed, and `hold`.
+  held, events that waited for too long before they were answered, more events a second than are
+  allowed, and `hold`.
 """
 
 from __future__ import annotations
@@ -103,7 +104,8 @@ class BaseParameters(Parameters):
     timeout_s: float = parameter(
         0.2,
         'The robot is stopped when nothing has come for this time from a source that is watched, '
-        'which is simulation time if use_sim_time is true.',
+        'which is simulation time if use_sim_time is true. A controller node also stops it when '
+        'a packet of events had waited for longer than this when its turn came.',
         unit='s',
         low=0.05,
         high=3600.0,
@@ -160,14 +162,14 @@ class DriveLimiter:
         self._max_rate = max_events_per_s
         self._rate = 0.0
         self._events, self._since_s = 0, -math.inf
+        self._lag_s = 0.0
         self._hold: Reason | None = None
         self._commanded_s = -math.inf
         self._has_driven = False
         self._stops_left = 0
         self.last = STILL
-        self.counts: Counter[str] = Counter(
-            dict.fromkeys(('limited', 'not_finite', 'timeouts', 'releases', 'floods', 'holds'), 0)
-        )
+        kinds = ('limited', 'not_finite', 'timeouts', 'releases', 'lags', 'floods', 'holds')
+        self.counts: Counter[str] = Counter(dict.fromkeys(kinds, 0))
         self.reason: Reason | None = self._reason_to_stop(0.0)
 
     @property
@@ -205,6 +207,10 @@ class DriveLimiter:
             # After a pause the events are those of a moment, whatever the pause was.
             self._rate = self._events / min(max(seconds, _RATE_WINDOW_S), 2 * _RATE_WINDOW_S)
             self._events, self._since_s = 0, now_s
+
+    def hear_lag(self, lag_s: float) -> None:
+        """Note how long events had waited when their turn to be answered came [s]."""
+        self._lag_s = lag_s
 
     def hold(self, text: str, over: str = 'the robot may drive again') -> None:
         """Let the robot stand until `release`.
@@ -284,6 +290,12 @@ class DriveLimiter:
                 return reason
             if source == DEAD_MAN and not self._is_held:
                 return Reason('releases', f'{DEAD_MAN}: not held', f'{DEAD_MAN}: held')
+        if self._lag_s > self._parameters.timeout_s:
+            text = (
+                f'events: expected to be answered within {self._parameters.timeout_s:g} s, '
+                f'waited {self._lag_s:.2f} s for their turn'
+            )
+            return Reason('lags', text, 'events: answered in time again')
         if self._max_rate and self._rate > self._max_rate:
             text = f'events: expected at most {self._max_rate:g} a second, got {self._rate:.3g}'
             return Reason('floods', text, 'events: no more than expected come')

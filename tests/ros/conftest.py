@@ -1,6 +1,6 @@
 """What the tests of nodes share: a ROS domain of their own, and real node processes in it."""
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 import functools
 import os
 from pathlib import Path
@@ -103,10 +103,17 @@ class Graph:
         return '\n'.join(said)
 
     def start(
-        self, executable: str, parameters: Mapping[str, Any] | None = None, *arguments: str
+        self,
+        executable: str,
+        parameters: Mapping[str, Any] | None = None,
+        *arguments: str,
+        run_by: Sequence[str] = (),
     ) -> NodeProcess:
-        """Start a node with parameters and further arguments for ROS."""
-        command = [str(find_executable(executable)), '--ros-args', *arguments]
+        """Start a node with parameters and further arguments for ROS.
+
+        It is run by its executable, where no other command is given.
+        """
+        command = [*(run_by or [str(find_executable(executable))]), '--ros-args', *arguments]
         for name, value in (parameters or {}).items():
             command += ['-p', f'{name}:={value}']
         log = self._folder / f'{executable}-{len(self._processes)}.log'

@@ -184,10 +184,6 @@ class ControllerNode(ParameterNode):
         lanes = (topic_names.LANE_STATE,) if self._settings.use_lane_state else ()
         return (topic_names.EVENTS, *lanes)
 
-    def _hear(self, topic: str) -> None:
-        if self._base is not None:
-            self._base.hear(topic)
-
     def _stop_base(self) -> None:
         """Tell the base to stand, at once: a step may be at work, and may hang."""
         if self._base is not None:
@@ -350,7 +346,8 @@ class ControllerNode(ParameterNode):
 
     def _on_lane_state(self, lane: LaneState) -> None:
         self._lane_states += 1
-        self._hear(topic_names.LANE_STATE)
+        if self._base is not None:
+            self._base.hear(topic_names.LANE_STATE)
         self._groups.add(0, lane)
 
     def _on_joint_state(self, joints: JointState) -> None:
@@ -364,7 +361,8 @@ class ControllerNode(ParameterNode):
 
     def _on_packet(self, packet: EventPacket) -> None:
         self._received += 1
-        self._hear(topic_names.EVENTS)
+        if self._base is not None:
+            self._base.hear(topic_names.EVENTS, waited_s=self._observations.waited_s)
         if self._settings.use_lane_state:
             self._groups.add(2 if self._has_encoders else 1, packet)
         else:

@@ -103,18 +103,21 @@ class BaseDrive:
         with self._lock:
             return self._limiter.is_silent(source, self._now_s)
 
-    def hear(self, source: str, events: int | None = None) -> None:
+    def hear(self, source: str, events: int | None = None, waited_s: float | None = None) -> None:
         """Note that something has come from one of the sources.
 
         Args:
             source: Its name.
             events: How many events came, of a camera.
+            waited_s: How long they had waited for their turn to be answered.
         """
         with self._lock:
             now_s = self._now_s
             self._limiter.hear(source, now_s)
             if events is not None:
                 self._limiter.hear_events(events, now_s)
+            if waited_s is not None:
+                self._limiter.hear_lag(waited_s)
 
     def hold(self, text: str, over: str) -> None:
         """Let the robot stand until `release`; as `DriveLimiter.hold`."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 import threading
+import time
 import traceback
 from typing import Any
 
@@ -26,7 +27,7 @@ from spikelane_sim.nodes.rclpy_internals import (
     call_event_handlers,
     DirectWait,
     NotForExecutors,
-    take,
+    take_with_time,
 )
 
 #: From one look for events of direct subscriptions to the next [s].
@@ -107,7 +108,12 @@ class DirectSubscriptions:
         self._wait = DirectWait(node.context, self._group)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._stopping = False
-        self.refused = 0
+        self.refused = self._received_ns = 0
+
+    @property
+    def waited_s(self) -> float:
+        """Time since the middleware received the message at hand [s]; 0 within a process."""
+        return 0.0 if self._local is not None else (time.time_ns() - self._received_ns) / 1e9
 
     def subscribe(
         self,
@@ -244,7 +250,8 @@ class DirectSubscriptions:
             is_wanted = self._is_wanted.get(subscription)
             if is_wanted is not None and not is_wanted():
                 continue
-            while (message := take(subscription)) is not None:
+            while (taken := take_with_time(subscription)) is not None:
+                message, self._received_ns = taken
                 name = subscription.topic_name
                 if self._local is None:
                     self._handle_message(handle, name, message)

@@ -67,8 +67,14 @@ class DirectWait:
 
 def take(subscription: Subscription) -> Any:
     """Take the next message of a subscription that no executor serves; None if there is none."""
+    taken = take_with_time(subscription)
+    return None if taken is None else taken[0]
+
+
+def take_with_time(subscription: Subscription) -> tuple[Any, int] | None:
+    """As `take`, with the system's time at which the middleware received the message [ns]."""
     taken = subscription.handle.take_message(subscription.msg_type, False)
-    return taken[0] if taken else None
+    return (taken[0], taken[1]['received_timestamp']) if taken else None
 
 
 def take_raw(subscription: Subscription) -> tuple[bytes, dict[str, int]] | None:

@@ -152,6 +152,23 @@ def test_one_packet_of_many_events_after_a_pause_is_a_flood() -> None:
     assert drive(limited, 30.0) == STILL
 
 
+def test_events_that_waited_for_too_long_stop_the_robot() -> None:
+    """What they show is past; it drives on once they are answered in time."""
+    limited = limiter()
+    for waited_s in (0.0, 0.19, 0.2):
+        limited.hear_lag(waited_s)
+        assert drive(limited, 1.0) == SLOW
+    limited.hear_lag(0.43)
+    assert [drive(limited, 1.0) for _ in range(4)] == [STILL] * 3 + [None]
+    assert limited.reason is not None
+    assert limited.reason.text == (
+        'events: expected to be answered within 0.2 s, waited 0.43 s for their turn'
+    )
+    assert limited.counts['lags'] == 1
+    limited.hear_lag(0.1)
+    assert drive(limited, 1.1) == SLOW
+
+
 def test_a_robot_on_hold_stands_until_it_is_released() -> None:
     """The reason that was given comes before all others."""
     limited = limiter()

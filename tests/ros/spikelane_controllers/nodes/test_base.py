@@ -5,10 +5,11 @@ as a subscriber receives it. The smallest of several is compared with the quarte
 which a robot is to be stopped: on a busy machine any process may have to wait for a processor.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import itertools
 import signal
+import sys
 import threading
 import time
 from typing import Any
@@ -34,6 +35,17 @@ ROUNDS = 4
 #: Without events the Braitenberg controller drives straight on with 1 rad/s.
 GEOMETRY = {'base.wheel_radius_m': 0.1, 'base.track_m': 0.5}
 AHEAD = (0.1, 0.0)
+#: A node of a controller that takes 80 ms to answer 50 ms.
+SLOW_NODE = """
+import time
+
+from spikelane_controllers.braitenberg.controller import Braitenberg
+from spikelane_controllers.nodes.main import main
+
+step = Braitenberg.step
+Braitenberg.step = lambda self, observation: (time.sleep(0.08), step(self, observation))[1]
+main('braitenberg')
+"""
 _numbers = itertools.count()
 
 
@@ -68,7 +80,13 @@ class Stream:
 class Base:
     """A node that drives a base, in a namespace of its own; its camera; what the base hears."""
 
-    def __init__(self, graph: Any, parameters: dict[str, Any], *arguments: str) -> None:
+    def __init__(
+        self,
+        graph: Any,
+        parameters: dict[str, Any],
+        *arguments: str,
+        run_by: Sequence[str] = (),
+    ) -> None:
         self.graph, self.node = graph, graph.node
         self.space = space = f'/base{next(_numbers)}'
         self.heard: list[tuple[float, Any]] = []
@@ -85,7 +103,7 @@ class Base:
         self._sequence = itertools.count()
         given = {'command': 'twist', 'use_lane_state': False, **GEOMETRY, **parameters}
         names = ('-r', f'__ns:={space}', '-r', f'/diagnostics:={space}/diagnostics')
-        self.process = graph.start('braitenberg', given, *names, *arguments)
+        self.process = graph.start('braitenberg', given, *names, *arguments, run_by=run_by)
         graph.until(self.packets.get_subscription_count, 'the node')
         graph.until(lambda: self.node.count_publishers(f'{space}/cmd_vel'), 'cmd_vel')
         graph.until(lambda: 'ready: ' in self.process.log, 'the word that it is ready')
@@ -313,6 +331,19 @@ def test_a_base_is_stopped_soon_when_too_many_events_come(graph: Any) -> None:
         assert smallest(measure) <= STOP_WITHIN_S
         base.until_said('events: expected at most 50000 a second, got ')
         base.events = no_events()
+        base.until_it_drives()
+    base.process.kill()
+
+
+def test_a_base_is_stopped_where_its_node_lags_behind_the_camera(graph: Any) -> None:
+    """No answer is late enough for a timeout, but each is later than the one before."""
+    base = Base(graph, {}, run_by=(sys.executable, '-c', SLOW_NODE))
+    with base.seeing():
+        base.until_it_drives()
+        base.until_it_stands()
+        base.until_said('events: expected to be answered within 0.2 s, waited 0.2')
+    base.wait(1.0)  # until none wait
+    with base.seeing():
         base.until_it_drives()
     base.process.kill()
 
