@@ -181,8 +181,9 @@ class PolicyTransfer:
     def _learn(self, policy: Dqn, parts: Mapping[str, Gathered], show: OnStageProgress) -> None:
         """Label states with the policy's actions, train a network with them, and normalise it."""
         counts = np.vstack([each.counts for each in parts.values()])
-        actions = action_values(policy.network, (counts > 0).astype(np.uint8)).argmax(axis=1)
-        labelled = Labelled(counts, actions.astype(np.int64), _numbered(list(parts.values())))
+        values = action_values(policy.network, (counts > 0).astype(np.uint8))
+        actions = values.argmax(axis=1).astype(np.int64)
+        labelled = Labelled(counts, actions, _numbered(list(parts.values())), values)
         self._learnt = learn_policy(
             labelled,
             len(ACTIONS),

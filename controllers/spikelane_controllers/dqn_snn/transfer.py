@@ -8,6 +8,10 @@ sees whether there were any. Then its weights are normalised.
     2. divide the counts by the largest of all;
     3. train by cross entropy, a batch of random states in each step;
     4. normalise.
+
+With a temperature, the network learns the softmax of the action values instead of the best action
+alone (policy distillation: Rusu et al. 2016). Where two actions are worth nearly the same, a label
+says little, and the values say how little.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
 from spikelane_controllers.dqn_snn.transferred import InputScale
-from spikelane_sim.errors import SpikelaneError
+from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
 
 if TYPE_CHECKING:
@@ -92,6 +96,13 @@ class TransferParameters(Parameters):
         choices=('model', 'data'),
         source='section 3.5, algorithm 1',
     )
+    temperature: float = parameter(
+        0.0,
+        "What is learnt: the best action (0), or the softmax of the Q-network's action values "
+        'divided by this temperature (policy distillation: Rusu et al. 2016).',
+        low=0.0,
+        high=1e6,
+    )
     balanced: bool = parameter(
         False, 'Draw batches with equally many states of each action, however rare an action is.'
     )
@@ -109,6 +120,7 @@ class Labelled(NamedTuple):
     counts: NDArray[np.uint8]  # events in each cell, (n, n_inputs)
     actions: NDArray[np.int64]  # (n,)
     episodes: NDArray[np.int64]  # numbers of the episodes that they were met in, (n,)
+    values: NDArray[np.float32] | None = None  # of all actions, (n, n_actions)
 
 
 class Measured(NamedTuple):
@@ -150,7 +162,13 @@ def learn_policy(
 
     Raises:
         TransferError: There are too few states, no events in them, or a single action.
+        ParameterError: There is a temperature, but the states have no action values.
     """
+    if parameters.temperature and states.values is None:
+        raise ParameterError(
+            f'transfer.temperature: expected 0 for states without action values, '
+            f'got {parameters.temperature:g}'
+        )
     train, held_out = _split(states, parameters, rng)
     _check(train, held_out)
     maximum = parameters.maximum or int(states.counts.max())
@@ -227,9 +245,7 @@ class _Training:
         batch = _take(self._states, self._drawn())
         gain = np.float32(self._parameters.input_gain)
         inputs = torch.from_numpy(scaled(batch.counts, self._maximum) * gain)
-        loss = torch.nn.functional.cross_entropy(
-            self._outputs(inputs), torch.from_numpy(batch.actions)
-        )
+        loss = torch.nn.functional.cross_entropy(self._outputs(inputs), self._aims(batch))
         self._adam.zero_grad()
         loss.backward()
         self._adam.step()
@@ -245,6 +261,14 @@ class _Training:
         weights, bias, output_weights = self._weights
         linear = self._torch.nn.functional.linear
         return linear(linear(inputs, weights, bias).relu(), output_weights)
+
+    def _aims(self, batch: Labelled) -> torch.Tensor:
+        """Return what is to be learnt: actions (n,), or their probabilities (n, n_actions)."""
+        temperature = self._parameters.temperature
+        if not temperature or batch.values is None:
+            return self._torch.from_numpy(batch.actions)
+        values = self._torch.from_numpy(batch.values / np.float32(temperature))
+        return self._torch.softmax(values, dim=1)
 
     def _drawn(self) -> NDArray[np.int64]:
         """Return the indices of a batch."""
@@ -281,7 +305,8 @@ def _split(
 
 def _take(states: Labelled, chosen: NDArray[np.int64] | NDArray[np.bool_]) -> Labelled:
     """Return the states of these indices, or where it is true."""
-    return Labelled(states.counts[chosen], states.actions[chosen], states.episodes[chosen])
+    values = None if states.values is None else states.values[chosen]
+    return Labelled(states.counts[chosen], states.actions[chosen], states.episodes[chosen], values)
 
 
 def _check(train: Labelled, held_out: Labelled) -> None:

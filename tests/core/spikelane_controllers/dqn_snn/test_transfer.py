@@ -23,6 +23,7 @@ from spikelane_controllers.learning.gathering import (
     GatheringParameters,
 )
 from spikelane_sim.contract import Observation, WheelVelocities
+from spikelane_sim.errors import ParameterError
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 from spikelane_sim.task import action_wheels, ActionParameters
@@ -112,6 +113,25 @@ def test_a_gain_is_taken_over_by_the_first_weights() -> None:
     assert accuracy(learnt.network, states(seed=5), 8) > 0.99
     largest = np.abs(learnt.network.hidden_weights).max()
     assert largest > 4 / np.sqrt(12) * 0.9  # initial weights are within 1 / sqrt(12)
+
+
+def test_with_a_temperature_it_learns_how_much_better_an_action_is() -> None:
+    """The softmax of the values divided by it, whatever the label; else the label alone."""
+    counts = np.repeat(np.eye(2, 12, dtype=np.uint8), 300, axis=0)
+    values = np.repeat(np.array([[3.0, 1.0, 1.0], [0.0, 4.0, 0.0]], np.float32), 300, axis=0)
+    given = Labelled(counts, values.argmax(axis=1), np.arange(600), values)
+    soft = TransferParameters(**{**QUICK.to_dict(), 'temperature': 2.0})
+    learnt = learn_policy(given, 3, 10, soft, np.random.default_rng(1))
+    outputs = activate(learnt.network, np.eye(2, 12, dtype=np.float32)).output
+    shares = np.exp(outputs) / np.exp(outputs).sum(axis=1, keepdims=True)
+    # exp(1.5), exp(0.5), exp(0.5), and 1, exp(2), 1, divided by their sums
+    np.testing.assert_allclose(shares[0], [0.5761, 0.2119, 0.2119], atol=0.01)
+    np.testing.assert_allclose(shares[1], [0.1065, 0.7870, 0.1065], atol=0.01)
+    hard = learn_policy(given, 3, 10, QUICK, np.random.default_rng(1))
+    outputs = activate(hard.network, np.eye(2, 12, dtype=np.float32)).output
+    assert (np.exp(outputs).max(axis=1) / np.exp(outputs).sum(axis=1)).min() > 0.99
+    with pytest.raises(ParameterError, match='expected 0 for states without action values, got 2'):
+        learn_policy(states(), 3, 10, soft, np.random.default_rng(1))
 
 
 def test_class_shares() -> None:
