@@ -120,18 +120,33 @@ def test_every_argument_is_described(file: Path) -> None:
         assert re.fullmatch(r'\S.{6,}\.', description), argument.name
 
 
-def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('given', 'same'),
+    [
+        ((), {}),
+        (
+            ('period_ms:=10', 'speed:=2.5'),
+            {'simulator.period_ms': 10, 'simulator.speed': 2.5},
+        ),
+    ],
+    ids=['usual', 'fast'],
+)
+def test_a_lap_ends_by_itself_and_is_the_lap_driven_in_process(
+    tmp_path: Path, given: tuple[str, ...], same: dict[str, float]
+) -> None:
     """All end with status 0, the recorder last; the recorded path is the same to the last bit."""
     limits = ('max_steps:=100', 'seed:=3', 'controller:=rstdp', 'scenario:=2', 'lane:=inner')
+    limits += given
     with launched(tmp_path, 'lap', *limits, f'bag:={tmp_path / "bag"}') as launch:
         status, endings = launch.wait()
     assert status == 0
     assert endings == [('/simulator', 0), ('/rstdp', 0), ('/recorder', 0)]
-    parameters = {'simulator.episode.max_steps': 100}
+    parameters = {'simulator.episode.max_steps': 100, **same}
     config = LapConfig.make(Request('2', 'rstdp', 3, 'inprocess', parameters), 'inner')
     driven = drive_lap(config, lambda step, progress_m: None).trajectory
     recorded = read_trajectory(tmp_path / 'bag')
     assert len(recorded) == 101
+    assert np.ptp(recorded.stamp_ns) == (1_000_000_000 if given else 5_000_000_000)
     for column in ('x_m', 'y_m', 'distance_m', 'left_rad_s', 'right_rad_s'):
         np.testing.assert_array_equal(getattr(recorded, column), getattr(driven, column))
 
@@ -233,15 +248,28 @@ def test_controllers_are_compared_side_by_side(tmp_path: Path) -> None:
     assert not topics & {'/clock', '/tf', '/tf_static'}
 
 
-def test_training_ends_by_itself_with_what_it_has_learnt(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('given', 'same'),
+    [
+        ((), ()),
+        (
+            ('period_ms:=25', 'speed:=3'),
+            ('--param', 'simulator.period_ms=25', '--param', 'simulator.speed=3'),
+        ),
+    ],
+    ids=['usual', 'fast'],
+)
+def test_training_ends_by_itself_with_what_it_has_learnt(
+    tmp_path: Path, given: tuple[str, ...], same: tuple[str, ...]
+) -> None:
     """The weights are those that `spikelane train` in one process learns."""
-    learning = ('steps:=300', 'seed:=5', f'output:={tmp_path / "over_launch"}')
+    learning = ('steps:=300', 'seed:=5', f'output:={tmp_path / "over_launch"}', *given)
     with launched(tmp_path, 'train', *learning) as launch:
         status, endings = launch.wait()
     assert status == 0
     assert sorted(endings) == [('/rstdp', 0), ('/simulator', 0)]
     command = [sys.executable, '-m', 'spikelane.main', 'train', 'rstdp', '--steps', '300']
-    command += ['--seed', '5', '--out', str(tmp_path / 'in_process')]
+    command += ['--seed', '5', '--out', str(tmp_path / 'in_process'), *same]
     subprocess.run(command, check=True, capture_output=True)
     learnt, expected = (
         load_file(tmp_path / folder / 'checkpoint.safetensors')
@@ -344,8 +372,17 @@ def test_a_real_robot_is_driven_by_its_parameters(
     assert 'wheel_velocities to cmd_vel' in launch.log.read_text()
 
 
-def test_a_wrong_argument_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('given', 'reason'),
+    [
+        ('seed:=many', "seed: expected a whole number, got 'many'"),
+        ('period_ms:=0.01', "period_ms: expected a whole number, got '0.01'"),
+        ('speed:=fast', "speed: expected a positive number, got 'fast'"),
+        ('speed:=-1', "speed: expected a positive number, got '-1'"),
+    ],
+)
+def test_a_wrong_argument_is_told(tmp_path: Path, given: str, reason: str) -> None:
     """By name, with what is allowed; nothing is started."""
-    with launched(tmp_path, 'lap', 'seed:=many') as launch:
+    with launched(tmp_path, 'lap', given) as launch:
         assert launch.process.wait(DEADLINE_S) == 1
-        assert "seed: expected a whole number, got 'many'" in launch.log.read_text()
+        assert reason in launch.log.read_text()

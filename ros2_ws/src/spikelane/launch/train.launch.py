@@ -18,6 +18,7 @@ from spikelane.launch.arguments import (
     namespace_argument,
     run_arguments,
 )
+from spikelane.runs.configuration import step_limits
 from spikelane.runs.train.config import training_defaults
 from spikelane_controllers.registry import training_names, usual_training
 from spikelane_sim.parameters import grouped
@@ -42,7 +43,10 @@ def start(context: LaunchContext) -> list[Any]:
     """Return the nodes and how they end."""
     arguments = Arguments(context)
     name, steps = arguments.text('controller'), arguments.number('steps')
-    defaults = grouped({**training_defaults(name), 'simulator.autostart': False})
+    usual = {**training_defaults(name)}
+    if arguments.period_ms is not None:
+        usual |= step_limits(usual, arguments.period_ms)
+    defaults = grouped({**usual, 'simulator.autostart': False})
     learning = {
         'output': str(Path(arguments.text('output')).absolute()),
         'resume': arguments.is_true('resume'),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import math
 from typing import Any
 
 from launch import LaunchContext
@@ -41,6 +42,28 @@ class Arguments:
         pushed = self._context.launch_configurations.get('ros_namespace')
         return None if pushed is None else str(pushed)
 
+    def positive(self, name: str) -> float | None:
+        """Return an argument that is a positive number; None where it is empty.
+
+        Raises:
+            ValueError: It is not.
+        """
+        text = self.text(name)
+        if not text:
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0 < value < math.inf:
+            raise ValueError(f'{name}: expected a positive number, got {text!r}')
+        return value
+
+    @property
+    def period_ms(self) -> int | None:
+        """The control period; None for that of the parameter files."""
+        return self.number('period_ms') if self.text('period_ms') else None
+
     def is_true(self, name: str) -> bool:
         """Return an argument that is true or false."""
         return self.text(name) == 'true'
@@ -73,6 +96,13 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
             "The simulator's parameters; empty: the scenario's of the package.",
             '',
         ),
+        period_argument('simulator and controller'),
+        argument(
+            'speed',
+            'Factor on all wheel velocities that the controller asks for; empty: that of '
+            'simulator_file.',
+            '',
+        ),
         argument('bag', 'Folder to record to, must not exist; empty: rosbag2_<date>-<time>.', ''),
         flag('composed', 'Run simulator and controller as two nodes of one process.', False),
         flag('record', 'Record the run in a bag.', record),
@@ -91,6 +121,15 @@ def run_arguments(record: bool = True) -> list[DeclareLaunchArgument]:
     ]
 
 
+def period_argument(whose: str) -> DeclareLaunchArgument:
+    """Declare the control period of some nodes."""
+    return argument(
+        'period_ms',
+        f'Control period of {whose}, 5 to 50 ms; empty: that of the parameter files.',
+        '',
+    )
+
+
 def lap_arguments() -> list[DeclareLaunchArgument]:
     """Declare what determines a lap beyond what any run takes; see `lap_parameters`."""
     return [
@@ -104,7 +143,9 @@ def lap_parameters(arguments: Arguments) -> dict[str, Any]:
     return {
         'lane': arguments.text('lane'),
         'episode.max_steps': arguments.number('max_steps'),
-        'episode.no_progress_steps': round(NO_PROGRESS_S * 1000 / PERIOD_MS),
+        'episode.no_progress_steps': round(
+            NO_PROGRESS_S * 1000 / (arguments.period_ms or PERIOD_MS)
+        ),
         'end_after_episodes': 1,
     }
 

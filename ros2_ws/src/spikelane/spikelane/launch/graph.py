@@ -30,7 +30,7 @@ from spikelane.executables import (
 )
 from spikelane.launch.arguments import Arguments
 from spikelane.runs.lap.nodes.driving import recorded_topics
-from spikelane_controllers.registry import controller_packages
+from spikelane_controllers.registry import controller_class, controller_packages
 from spikelane_controllers.weights import shipped_weights
 from spikelane_sim import topic_names
 from spikelane_sim.errors import ParameterError
@@ -38,6 +38,7 @@ from spikelane_sim.files import write_yaml
 from spikelane_sim.nodes.meeting import meeting_parameters
 from spikelane_sim.parameters import flatten
 from spikelane_sim.parsing import ParseError, read_yaml_file
+from spikelane_sim.period import TimedParameters
 
 #: Topics whose names are fixed: within a namespace of its own, a simulator's are its own too.
 _GLOBAL_TOPICS = (topic_names.CLOCK, topic_names.TF, topic_names.TF_STATIC)
@@ -87,7 +88,9 @@ def _simulator_parameters(arguments: Arguments, driver: str) -> dict[str, Any]:
     file = Path(arguments.text('simulator_file') or shipped)
     seed = {'seed': arguments.number('seed')}
     waiting, _ = meeting_parameters(driver, is_recorded=arguments.is_true('record'))
-    return {**_in_file(file, 'simulator'), **seed, **waiting, **_for_others(arguments)}
+    speed = arguments.positive('speed')
+    given = {**_period(arguments), **({} if speed is None else {'speed': speed})}
+    return {**_in_file(file, 'simulator'), **given, **seed, **waiting, **_for_others(arguments)}
 
 
 def _controller_parameters(arguments: Arguments, name: str) -> dict[str, Any]:
@@ -99,7 +102,20 @@ def _controller_parameters(arguments: Arguments, name: str) -> dict[str, Any]:
     _, waiting = meeting_parameters(name, is_recorded=arguments.is_true('record'))
     # Another package need not have a file of defaults.
     file = _in_file(Path(given or shipped), name) if given or Path(shipped).exists() else {}
-    return {**file, **weights, **seed, **waiting, **_for_others(arguments)}
+    period = _controller_period(arguments, name)
+    return {**file, **weights, **period, **seed, **waiting, **_for_others(arguments)}
+
+
+def _period(arguments: Arguments) -> dict[str, int]:
+    """Return the control period as a parameter, where one was given."""
+    period_ms = arguments.period_ms
+    return {} if period_ms is None else {'period_ms': period_ms}
+
+
+def _controller_period(arguments: Arguments, name: str) -> dict[str, int]:
+    """Return the control period as a controller's parameter, where it has one."""
+    is_timed = issubclass(controller_class(name).parameters_class, TimedParameters)
+    return _period(arguments) if is_timed else {}
 
 
 def controller_on_robot(
@@ -116,8 +132,8 @@ def controller_on_robot(
     shipped = Path(_shipped(controller_packages()[name], name))
     file = _in_file(shipped, name) if shipped.exists() else {}
     base = _in_file(Path(arguments.text('robot_file') or _shipped('spikelane', robot)), name)
-    seed = {'seed': arguments.number('seed')}
-    return _node(arguments, name, '', [file, base, seed, others])
+    own = {'seed': arguments.number('seed'), **_controller_period(arguments, name)}
+    return _node(arguments, name, '', [file, base, own, others])
 
 
 def _for_others(arguments: Arguments) -> dict[str, int]:

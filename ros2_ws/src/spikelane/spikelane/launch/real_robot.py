@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, Shutdown
 from launch_ros.actions import Node
 
 from spikelane.launch import graph
-from spikelane.launch.arguments import argument, Arguments, flag
+from spikelane.launch.arguments import argument, Arguments, flag, period_argument
 from spikelane.runs.train.config import training_defaults
 from spikelane_controllers.registry import controller_names, usual_training
 from spikelane_sim.parameters import grouped
@@ -34,6 +34,7 @@ def robot_arguments() -> list[DeclareLaunchArgument]:
         argument(
             'robot_file', "Parameters of robot and limits; empty: the robot's of the package.", ''
         ),
+        period_argument('the controller, in which it answers the events'),
         argument('seed', 'Seed of all randomness, a whole number from 0.', '0'),
         flag('camera', 'Start the driver of the camera.', True),
         argument('output', 'Folder of a training on the robot; empty: nothing is learnt.', ''),
