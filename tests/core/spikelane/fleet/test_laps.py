@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from spikelane.fleet import setting
 from spikelane.fleet.laps import drive_fleet
 from spikelane.runs.configuration import Request
 from spikelane.runs.evaluate import run as evaluation
@@ -127,6 +128,28 @@ def test_evaluations_with_other_weights_and_seeds_are_driven_together(
     for number, each in enumerate(together):
         evaluate(*each)
         assert files_in(tmp_path / f'fleet_{number}') == files_in(tmp_path / f'alone_{number}')
+
+
+def test_only_many_laps_are_worth_a_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lap counts as 250 s, which are 5,000 steps, or as its limit where that is lower."""
+    together: list[int] = []
+    monkeypatch.setattr(evaluation, 'drive_together', lambda _: together.append(1))
+    monkeypatch.setattr(evaluation, 'drive', stop)
+    monkeypatch.setattr(setting, 'LEAST_STEPS', 20_000)
+    for seeds, limit, is_worth_it in ((1, 0, False), (2, 0, True), (2, 4999, False)):
+        together.clear()
+        parameters = {'simulator.episode.max_steps': limit}
+        config = make_config('braitenberg', parameters, {'seeds': seeds})  # of both lanes
+        with pytest.raises(KeyboardInterrupt):
+            evaluate(config, RunFolder(tmp_path / f'{seeds}-{limit}'), lambda *_: None)
+        assert bool(together) == is_worth_it
+
+
+def stop(*_: Any, **__: Any) -> None:
+    """Drive no lap."""
+    raise KeyboardInterrupt
 
 
 def test_laps_of_other_settings_are_refused() -> None:

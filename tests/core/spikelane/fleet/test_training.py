@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from spikelane.fleet import setting
 from spikelane.fleet.setting import has_kernel
 from spikelane.fleet.training import train_fleet
 from spikelane.interruption import Interrupted
@@ -103,6 +104,19 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_episodes(
         patch.setattr(training_run, 'has_kernel', lambda config: False)
         second = train(configs[1], RunFolder(folders[1]), lambda *_: None, resume=True)
     assert_same(tmp_path / 'alone_1', folders[1], alone[1], second)
+
+
+@pytest.mark.parametrize('least', [STEPS, STEPS + 1])
+def test_only_a_long_training_is_worth_a_kernel(
+    least: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A shorter one is done before the kernel would be compiled."""
+    monkeypatch.setattr(setting, 'LEAST_STEPS', least)
+    in_kernel: list[int] = []
+    monkeypatch.setattr(training_run, 'train_fleet', lambda *_: in_kernel.append(1))
+    training = train(make_config(3), RunFolder(tmp_path), lambda *_: None, resume=False)
+    assert bool(in_kernel) == (least == STEPS)
+    assert training.steps == (0 if in_kernel else STEPS)
 
 
 @pytest.mark.parametrize(

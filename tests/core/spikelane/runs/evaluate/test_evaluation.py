@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,10 @@ from typing import Any
 import pytest
 import yaml
 
+from spikelane.fleet import setting
 from spikelane.lock import locked
 from spikelane.main import run
 from spikelane.runs.configuration import Request
-from spikelane.runs.evaluate import run as evaluation
 from spikelane.runs.evaluate.config import EvaluateConfig
 from spikelane.runs.evaluate.metrics import evaluation_metrics
 from spikelane.runs.evaluate.run import evaluate
@@ -154,7 +155,6 @@ def test_an_evaluation_that_was_stopped_goes_on(
     config = config_of({'seeds': 2})
     whole, stopped = tmp_path / 'whole', tmp_path / 'stopped'
     evaluate_in(whole, config)
-    monkeypatch.setattr(evaluation, 'can_drive', lambda config: False)  # lap by lap
     seen: list[int] = []
 
     def stop_in_third_lap(steps: int, share: float) -> None:
@@ -179,7 +179,7 @@ def test_the_share_done_grows_to_one(
     tmp_path: Path, is_together: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Step by step, or lap by lap where the laps are driven together."""
-    monkeypatch.setattr(evaluation, 'can_drive', lambda config: is_together)
+    monkeypatch.setattr(setting, 'LEAST_STEPS', 0 if is_together else math.inf)
     shares: list[float] = []
     evaluate(config_of({}), RunFolder(tmp_path), lambda steps, share: shares.append(share))
     assert shares == sorted(shares)

@@ -3,7 +3,8 @@
 Each lap is the one that `spikelane lap` drives with the same lane and seed. Laps that are done are
 kept one by one, so that an evaluation that was stopped goes on with the next, and its results are
 those of one that never was: nothing in `metrics.json` depends on when or where it was made. Laps
-that a fleet can drive are driven many at a time (`fleet.laps`), with the same bits.
+that a fleet can drive are driven many at a time (`fleet.laps`), where they are many, with the same
+bits.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane.fleet import setting as fleet_setting
 from spikelane.fleet.fleet import OnAdvance
 from spikelane.fleet.laps import can_drive, drive_fleet, MOST_LAPS
 from spikelane.fleet.setting import setting
@@ -35,6 +37,9 @@ from spikelane_controllers.registry import title as controller_title
 from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
+
+#: Of the paper's courses, driven as the paper's controllers do [s].
+_LAP_S = 250.0
 
 
 class Evaluation(NamedTuple):
@@ -84,7 +89,7 @@ def evaluate(
         SpikelaneError: A lap cannot be driven, or a file not be written.
     """
     laps = list(config.laps())
-    if not record:
+    if not record and _most_steps(config, len(laps)) >= fleet_setting.LEAST_STEPS:
         drive_together([Evaluation(config, folder, show)])
     rows: list[dict[str, Any]] = []
     steps = 0
@@ -107,6 +112,13 @@ def evaluate(
     metrics = evaluation_metrics(config, rows)
     folder.write_metrics(metrics)
     return metrics
+
+
+def _most_steps(config: EvaluateConfig, laps: int) -> int:
+    """Return about how many steps so many laps have, or at most that many."""
+    episode = config.simulator.episode
+    steps = round(_LAP_S / config.simulator.period_s) * max(1, episode.max_laps)
+    return laps * (min(steps, episode.max_steps) if episode.max_steps else steps)
 
 
 def drive_together(evaluations: Sequence[Evaluation]) -> None:

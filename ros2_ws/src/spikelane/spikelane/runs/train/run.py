@@ -10,6 +10,7 @@ from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
+from spikelane.fleet import setting as fleet_setting
 from spikelane.fleet.setting import has_kernel
 from spikelane.fleet.training import train_fleet
 from spikelane.interruption import check
@@ -198,7 +199,8 @@ def train(
         )
         return trained
     training = _make_logged_training(config, folder, resume=resume)
-    if not record and has_kernel(config):
+    is_long = training.steps_after(fleet_setting.LEAST_STEPS) <= config.training.steps
+    if is_long and not record and has_kernel(config):
         # The same bits as below, sooner; a recording needs every step.
         train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
         return training
