@@ -20,11 +20,13 @@ run:
 test:
 	@setup/bootstrap test
 	@source setup/env.sh; status=0; \
+	python tests/compile_kernels.py & kernels=$$!; \
 	ruff check . || status=1; \
 	ruff format --check . || status=1; \
 	mypy $(CORE) benches/spikelane_benches || status=1; \
 	mypy --no-explicit-package-bases setup/bootstrap.py setup/install.py setup/ros_package.py || status=1; \
 	mypy ros2_ws/src/spikelane/launch || status=1; \
+	wait $$kernels || status=1; \
 	python -m pytest $(WORKERS) || status=1; \
 	exit $$status
 
