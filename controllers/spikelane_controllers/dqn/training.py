@@ -90,6 +90,11 @@ class DqnTraining(Training):
         return self.steps + observations // self.controller.steps_per_action
 
     @property
+    def observations_left(self) -> int:
+        """About how many observations there are until the training is done."""
+        return super().observations_left * self.controller.steps_per_action
+
+    @property
     def observations_to_take(self) -> int:
         """How many observations there are until the next checkpoint, or until all is driven."""
         actions = 0 if self._is_due else self._steps_to_take

@@ -150,6 +150,11 @@ class Training:
         """Return about how many steps there will be after so many observations more."""
         return self.steps + observations
 
+    @property
+    def observations_left(self) -> int:
+        """About how many observations there are until the training is done."""
+        return self._parameters.steps - self.steps
+
     def scalars(self) -> dict[str, float]:
         """Return what can be plotted of the last episode, under Stable-Baselines3's names."""
         return {}

@@ -55,11 +55,11 @@ def experiment_in(folder: Path, text: str = TEXT) -> Path:
     return file
 
 
-def start(file: Path, out: Path, *options: str) -> subprocess.Popen[str]:
+def start(file: Path, out: Path, *options: str, engine: str = 'fleet') -> subprocess.Popen[str]:
     """Start the command."""
     command = [sys.executable, '-m', 'spikelane.main', 'experiment', str(file), '--out', str(out)]
     return subprocess.Popen(
-        [*command, '--json', *options],
+        [*command, '--json', '--engine', engine, *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -105,7 +105,7 @@ def files_in(out: Path) -> dict[str, Any]:
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give the folder of the experiment with a process for every run."""
     folder = tmp_path_factory.mktemp('alone')
-    finish(start(experiment_in(folder), folder / 'out', '--engine', 'local', '--jobs', '2'))
+    finish(start(experiment_in(folder), folder / 'out', '--jobs', '2', engine='local'))
     return folder / 'out'
 
 
@@ -150,7 +150,16 @@ def _steps_of(folder: Path) -> int:
         return -1
 
 
-def test_one_that_fails_does_not_lose_the_others(tmp_path: Path) -> None:
+def test_short_runs_leave_the_same_without_a_kernel(tmp_path: Path, alone: Path) -> None:
+    """By default they are done one after the other in one process."""
+    file, out = experiment_in(tmp_path), tmp_path / 'out'
+    finish(start(file, out, '--jobs', '1', engine='auto'))
+    assert {each['together'] for each in log_of(out) if each['event'] == 'start'} == {4}
+    assert_same(out, alone)
+
+
+@pytest.mark.parametrize('engine', ['auto', 'fleet'])
+def test_one_that_fails_does_not_lose_the_others(engine: str, tmp_path: Path) -> None:
     """It is begun again alone, then reported; the others are done in their fleet."""
     text = TEXT.replace('3000', '200').replace('scenarios: [1, 3]', 'scenarios: [1]')
     text = text.replace('    evaluate: {seeds: 2, lanes: [outer]}\n', '')
@@ -159,7 +168,7 @@ def test_one_that_fails_does_not_lose_the_others(tmp_path: Path) -> None:
     runner = Runner(make_plan(read_experiment(file)), out, 2)
     broken, fine = runner.statuses
     make_run_folder(out, runner.statuses[broken].run, None).checkpoint.write_bytes(b'nothing')
-    results = finish(start(file, out, '--jobs', '1'), status=1)
+    results = finish(start(file, out, '--jobs', '1', engine=engine), status=1)
     states = {each['name']: each['state'] for each in results['runs']}
     assert states == {broken: 'failed', fine: 'done'}
     events = [each for each in log_of(out) if each.get('run') == broken]
@@ -237,8 +246,8 @@ matrix:
         'train-dqn-1-kinematic-plain-seed0',
         'train-dqn-1-kinematic-filtered-seed0',
     }
-    assert local_engine(3).most_together == 64
-    assert local_engine(3, 1).most_together == 1
+    assert local_engine(3).most_together == local_engine(3, 'fleet').most_together == 64
+    assert local_engine(3, 'local').most_together == 1
 
 
 def test_each_of_several_says_why_it_failed(

@@ -27,7 +27,7 @@ from spikelane.runs.output import add_output_arguments
 from spikelane_sim.errors import ParameterError
 
 RETRIES = 2
-FLEET, LOCAL, RAY = 'fleet', 'local', 'ray'
+AUTO, FLEET, LOCAL, RAY = 'auto', 'fleet', 'local', 'ray'
 
 _STATES = {RunStatus.FOUND: 'finished', RunStatus.WAITING: 'to do'}
 
@@ -44,11 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--engine',
-        choices=(FLEET, LOCAL, RAY),
-        default=FLEET,
-        help=f'{FLEET}: processes on this machine that do runs of one setting together in one '
-        f'kernel where it has all that they need; {LOCAL}: a process for every run; {RAY}: a Ray '
-        f'cluster; the results are the same bit for bit (default: {FLEET})',
+        choices=(AUTO, FLEET, LOCAL, RAY),
+        default=AUTO,
+        help=f'{AUTO}: processes on this machine that do runs of one setting together, in one '
+        f'compiled kernel where it has all that they need and they are long; {FLEET}: the same, '
+        f'however short they are; {LOCAL}: a process for every run; {RAY}: a Ray cluster; the '
+        f'results are the same bit for bit (default: {AUTO})',
     )
     parser.add_argument(
         '--address',
@@ -157,19 +158,20 @@ def is_finished(results: Mapping[str, Any]) -> bool:
     return all(RunStatus(each['state']).is_finished for each in results['runs'])
 
 
-def local_engine(jobs: int | None, most_together: int = MOST_IN_FLEET) -> LocalEngine:
+def local_engine(jobs: int | None, name: str = AUTO) -> LocalEngine:
     """Return what does runs on this machine.
 
     Args:
         jobs: Processes at a time; None for as many as there are processors.
-        most_together: As in `LocalEngine`.
+        name: Which of those that `--engine` offers.
     """
-    return LocalEngine(jobs or os.cpu_count() or 1, most_together)
+    most_together = 1 if name == LOCAL else MOST_IN_FLEET
+    return LocalEngine(jobs or os.cpu_count() or 1, most_together, is_in_kernel=name == FLEET)
 
 
 def _engine(options: argparse.Namespace) -> Engine:
     if options.engine != RAY:
-        return local_engine(options.jobs, MOST_IN_FLEET if options.engine == FLEET else 1)
+        return local_engine(options.jobs, options.engine)
     from spikelane.experiment.ray import RayEngine
 
     return RayEngine(options.address, options.jobs)

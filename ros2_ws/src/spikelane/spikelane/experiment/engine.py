@@ -10,7 +10,7 @@ import signal
 import sys
 from typing import NamedTuple, Protocol
 
-from spikelane.experiment.worker import LOG, ONE_THREAD
+from spikelane.experiment.worker import ALWAYS_IN_KERNEL, LOG, ONE_THREAD
 
 _LAST_CHARACTERS = 4000
 _FULL_BYTES = 1_000_000  # left at most on a disk that counts as full
@@ -65,9 +65,16 @@ class Engine(Protocol):
         """End all that runs, gently first; what they have saved stays."""
 
 
-def worker_command(*folders: Path) -> list[str]:
-    """Return the command that does the runs in folders."""
-    return [sys.executable, '-m', 'spikelane.experiment.worker', *map(str, folders)]
+def worker_command(*folders: Path, is_in_kernel: bool = False) -> list[str]:
+    """Return the command that does the runs in folders.
+
+    Args:
+        folders: Those of the runs.
+        is_in_kernel: Whether the kernel is used wherever there is one, also for few steps.
+    """
+    options = [ALWAYS_IN_KERNEL] if is_in_kernel else []
+    command = [sys.executable, '-m', 'spikelane.experiment.worker']
+    return [*command, *options, *map(str, folders)]
 
 
 def worker_environment(own: Mapping[str, str]) -> dict[str, str]:

@@ -27,13 +27,15 @@ class LocalEngine:
     figures, could not be shared among threads.
     """
 
-    def __init__(self, jobs: int, most_together: int = 1) -> None:
+    def __init__(self, jobs: int, most_together: int = 1, *, is_in_kernel: bool = False) -> None:
         """Begin without processes.
 
         Args:
             jobs: How many processes there are at a time.
             most_together: How many runs a process does.
+            is_in_kernel: As of `worker_command`.
         """
+        self._is_in_kernel = is_in_kernel
         self._jobs = jobs
         self._most_together = most_together
         self._processes = Processes()
@@ -58,7 +60,7 @@ class LocalEngine:
         """Start a process; see `Engine`."""
         environment = worker_environment(os.environ)
         name, folder = next(iter(runs.items()))
-        command = worker_command(*runs.values())
+        command = worker_command(*runs.values(), is_in_kernel=self._is_in_kernel)
         self._processes.start(name, command, folder / LOG, environment)
         self._running[name] = dict(runs)
 

@@ -5,7 +5,8 @@ how far it is into `progress.json`, and at its end its processor time. It ends w
 and a last line that says why. Only one process at a time works in a folder: another one waits.
 
 Several runs are of one setting and done together, each as alone. One that fails does not end the
-others; why it failed is in its own log.
+others; why it failed is in its own log. With `--always-in-kernel` the kernel of a fleet is used
+wherever there is one, and not only where it is sooner done.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple, TypedDict
 from spikelane.experiment.plan import RUN_FILE
 from spikelane.experiment.processor_time import add_processor_time, processor_s
 from spikelane.experiment.tasks import Job, Point, Task, task_named
+from spikelane.fleet.setting import use_kernel_always
 from spikelane.interruption import Interrupted, signals_noted
 from spikelane.lock import locked
 from spikelane.runs.configuration import RunConfig
@@ -28,6 +30,7 @@ from spikelane.runs.folder import RunFolder
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import FileError, write_bytes_atomically, write_text_atomically
 
+ALWAYS_IN_KERNEL = '--always-in-kernel'
 PROGRESS_FILE = 'progress.json'
 LOG = Path('logs') / 'worker.log'
 
@@ -61,12 +64,16 @@ class Progress(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Do the runs in the folders given.
+    """Do the runs in the folders given, after an option.
 
     Returns:
         0 done, 1 where one failed, 128 + n when ended by signal n.
     """
-    paths = [Path(each) for each in (sys.argv[1:] if arguments is None else arguments)]
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == [ALWAYS_IN_KERNEL]:
+        use_kernel_always()
+        del words[0]
+    paths = [Path(each) for each in words]
     # A process of its own has done nothing else, so that its imports count.
     since_s = 0.0 if arguments is None else processor_s()
     with signals_noted(are_ignored_afterwards=arguments is None):

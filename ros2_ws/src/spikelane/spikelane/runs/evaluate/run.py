@@ -152,9 +152,11 @@ def evaluate_together(
     Raises:
         Interrupted: A signal has come; laps that are done are kept.
     """
-    # What is wrong with one is met again below, where it is known whose fault it is.
-    with contextlib.suppress(SpikelaneError):
-        drive_together(evaluations)
+    steps = sum(_most_steps(each.config, len(list(each.config.laps()))) for each in evaluations)
+    if steps >= fleet_setting.LEAST_STEPS:
+        # What is wrong with one is met again below, where it is known whose fault it is.
+        with contextlib.suppress(SpikelaneError):
+            drive_together(evaluations)
     for each in evaluations:
         check()
         try:

@@ -139,7 +139,8 @@ def train_together(
             fail(run.folder, error)
         else:
             begun.append(_Begun(run, training, is_resumed))
-    if not begun:
+    if sum(each.training.observations_left for each in begun) < fleet_setting.LEAST_STEPS:
+        _train_one_by_one(begun, fail)
         return
     lost: set[int] = set()
 
@@ -161,6 +162,20 @@ def train_together(
                 report_training(run.config, run.folder, None if is_resumed else took_s)
             except SpikelaneError as error:
                 fail(run.folder, error)
+
+
+def _train_one_by_one(
+    begun: Sequence[_Begun], fail: Callable[[RunFolder, SpikelaneError], None]
+) -> None:
+    """Train so few steps that a kernel is not worth being compiled."""
+    for run, training, is_resumed in begun:
+        start_s = time.monotonic()
+        try:
+            _train_alone(run.config, run.folder, training, run.show)
+            took_s = time.monotonic() - start_s
+            report_training(run.config, run.folder, None if is_resumed else took_s)
+        except SpikelaneError as error:
+            fail(run.folder, error)
 
 
 def _make_logged_training(config: TrainConfig, folder: RunFolder, *, resume: bool) -> Training:
@@ -199,11 +214,23 @@ def train(
         )
         return trained
     training = _make_logged_training(config, folder, resume=resume)
-    is_long = training.steps_after(fleet_setting.LEAST_STEPS) <= config.training.steps
+    is_long = training.observations_left >= fleet_setting.LEAST_STEPS
     if is_long and not record and has_kernel(config):
-        # The same bits as below, sooner; a recording needs every step.
+        # The same bits, sooner; a recording needs every step.
         train_fleet([config], [training], lambda _, progress_m: show(training.steps, progress_m))
-        return training
+    else:
+        _train_alone(config, folder, training, show, record)
+    return training
+
+
+def _train_alone(
+    config: TrainConfig,
+    folder: RunFolder,
+    training: Training,
+    show: OnProgress,
+    record: Sequence[str] = (),
+) -> None:
+    """Train in this process observation by observation."""
     sensors = sensors_of(controller_class(config.controller))
     asked = Recording(folder.recording, tuple(record)) if record else None
     with (
@@ -224,7 +251,6 @@ def train(
             show(training.steps, state.progress_m)
             check()
             observation = simulator.reset() if state.terminated else simulator.step(wheels)
-    return training
 
 
 def report_training(
