@@ -176,6 +176,7 @@ class PolicyTransfer:
                 self._gathering,
                 seed,
                 lambda done, of: show(STATES, done, of),
+                self._request.filter,
             )
 
     def _learn(self, policy: Dqn, parts: Mapping[str, Gathered], show: OnStageProgress) -> None:

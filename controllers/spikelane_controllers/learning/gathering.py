@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.controller_host import ControllerHost
 from spikelane_sim.contract import Controller, Observation
 from spikelane_sim.encoding import StateImage, StateImageParameters
+from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.task import action_wheels, ACTIONS, DecisionParameters
@@ -60,6 +61,7 @@ def gather_states(
     parameters: GatheringParameters,
     seed: int,
     show: OnProgress = lambda states, of: None,
+    filters: FilterParameters | None = None,
 ) -> Gathered:
     """Let a controller drive and keep the state before each action.
 
@@ -71,6 +73,11 @@ def gather_states(
         parameters: How many states, and how they are met.
         seed: Seed of the simulator, of the controller and of the random actions.
         show: Called after every action.
+        filters: What events go through before they reach the controller and the states; None for
+            no filter.
+
+    Raises:
+        SpikelaneError: A filter cannot be made.
     """
     # Seeds are padded with zeros: so begins the simulator's generator in episode 2, too, whose
     # noise, if there is any, comes of the same numbers. Another one would gather other states.
@@ -81,20 +88,22 @@ def gather_states(
     cells = parameters.encoding.rows * parameters.encoding.columns
     counts = np.empty((parameters.states, cells), np.uint8)
     episodes = np.empty(parameters.states, np.int64)
-    observation = simulator.reset(None, seed)
+    stage = FilterStage(filters or FilterParameters(), period.camera.width, period.camera.height)
+    observation = stage.observe(simulator.reset(None, seed))
     for number in range(parameters.states):
         counts[number] = np.minimum(image.counts, _MOST).ravel()
         assert observation.lane is not None  # a simulator knows it
         episodes[number] = observation.lane.episode
         is_random = rng.random() < parameters.random_actions
         drawn = int(rng.integers(len(ACTIONS))) if is_random else None
-        observation = _act(simulator, host, observation, drawn, image, parameters.decision)
+        observation = _act(simulator, stage, host, observation, drawn, image, parameters.decision)
         show(number + 1, parameters.states)
     return Gathered(counts, episodes)
 
 
 def _act(
     simulator: Simulator,
+    stage: FilterStage,
     host: ControllerHost,
     observation: Observation,
     drawn: int | None,
@@ -108,9 +117,11 @@ def _act(
     """
     for _ in range(simulator.parameters.steps_of(parameters.steps_per_action)):
         wheels = host.step(observation)
-        observation = simulator.step(wheels if drawn is None else action_wheels(drawn, parameters))
+        if drawn is not None:
+            wheels = action_wheels(drawn, parameters)
+        observation = stage.observe(simulator.step(wheels))
         image.add(observation.events)
         if observation.lane is not None and observation.lane.terminated:
             image.clear()
-            return simulator.reset()
+            return stage.observe(simulator.reset())
     return observation

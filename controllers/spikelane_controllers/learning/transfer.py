@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -27,6 +28,7 @@ class TransferRequest(NamedTuple):
         simulator: Where states are gathered.
         parameters: The transfer's own parameters, by the name of their group.
         from_training: Whether the states met in the training are used too.
+        filter: What events go through where states are gathered.
     """
 
     source: str
@@ -35,6 +37,7 @@ class TransferRequest(NamedTuple):
     simulator: SimulatorParameters
     parameters: Mapping[str, Parameters]
     from_training: bool
+    filter: FilterParameters = FilterParameters()
 
 
 class Transfer(Protocol):

@@ -24,6 +24,7 @@ from spikelane_controllers.learning.gathering import (
 )
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 from spikelane_sim.task import action_wheels, ActionParameters
@@ -172,12 +173,15 @@ class Leaning:
         return action_wheels(2 if is_right else 0, ActionParameters())
 
 
-def gather(seed: int, share: float) -> tuple[Gathered, list[int]]:
+def gather(
+    seed: int, share: float, filters: FilterParameters | None = None
+) -> tuple[Gathered, list[int]]:
     """Gather 60 states; return them and how many events were seen in each step."""
     parameters = GatheringParameters(states=60, random_actions=share)
     controller = Leaning()
     with Simulator(SimulatorParameters.from_mapping(KINEMATIC)) as simulator:
-        return gather_states(simulator, controller, parameters, seed), controller.events
+        gathered = gather_states(simulator, controller, parameters, seed, filters=filters)
+        return gathered, controller.events
 
 
 def test_states_are_gathered_where_the_controller_drives() -> None:
@@ -199,6 +203,21 @@ def test_states_are_those_of_a_seed() -> None:
     assert (gather(3, 0.5)[0].counts == gather(3, 0.5)[0].counts).all()
     assert (gather(3, 0.5)[0].counts != gather(4, 0.5)[0].counts).any()
     assert (gather(3, 0.5)[0].counts != gather(3, 0.0)[0].counts).any()
+
+
+def test_what_a_filter_removes_is_neither_answered_nor_counted() -> None:
+    """No pixel of a line has 80 neighbours that fire with it; each has two."""
+    values = {'chain': 'correlation', 'correlation.reach_px': 4, 'correlation.window_s': 0.0}
+    none = FilterParameters.from_mapping({**values, 'correlation.supporters': 80})
+    (counts, _), events = gather(3, 0.0, none)
+    assert not counts.any()
+    assert len(events) > 500  # observations are still answered; some episodes end early
+    assert not any(events)
+    some = FilterParameters.from_mapping({**values, 'correlation.supporters': 2})
+    (counts, _), events = gather(3, 0.0, some)
+    assert counts.sum() > 1000
+    # The robot drives otherwise without a filter, where also lone pixels count.
+    assert (counts != gather(3, 0.0)[0].counts).any()
 
 
 def test_whole_episodes_are_held_out() -> None:

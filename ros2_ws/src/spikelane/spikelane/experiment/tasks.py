@@ -259,6 +259,7 @@ def _none_together(jobs: Sequence[Job], fail: OnFailure) -> None:
 def _groups_of_transfer(controller: str) -> Mapping[str, type[Parameters]]:
     return {
         'simulator': SimulatorParameters,
+        'filter': FilterParameters,
         **transfer_class(controller).parameters_classes,
     }
 

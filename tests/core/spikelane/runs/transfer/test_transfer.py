@@ -67,6 +67,24 @@ def test_the_states_of_the_training_and_others_are_learnt(done: dict[str, Any]) 
     assert done['maximum'] >= 19
 
 
+def test_states_are_gathered_behind_filters(dqn: Path, tmp_path: Path) -> None:
+    """They are written down; where there are none, the configuration is as it was before."""
+    filtered = (
+        '--param',
+        'filter.chain=correlation',
+        '--param',
+        'filter.correlation.supporters=3',
+    )
+    configs = []
+    for name, given in (('none', ()), ('three', filtered)):
+        out = tmp_path / name
+        printed('transfer', '--checkpoint', str(dqn), *QUICK, *given, '--out', str(out))
+        configs.append(yaml.safe_load((out / 'config.yaml').read_text('utf-8')))
+    assert 'filter' not in configs[0]
+    assert configs[1]['filter']['chain'] == 'correlation'
+    assert configs[1]['filter']['correlation.supporters'] == 3
+
+
 def test_the_folder_has_all_files_of_a_run(done: dict[str, Any]) -> None:
     """And no others."""
     folder = Path(done['folder'])

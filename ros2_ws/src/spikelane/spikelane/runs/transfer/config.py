@@ -15,6 +15,7 @@ from spikelane_controllers.registry import (
 from spikelane_controllers.weights import find_checkpoint, shipped_weights
 from spikelane_sim.course import course_label, scenario_course
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.filters import FilterParameters
 from spikelane_sim.parameters import Parameters
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
@@ -32,6 +33,7 @@ class TransferConfig(RunConfig):
         simulator: Where states are gathered.
         parameters: The transfer's own groups of parameters, by name.
         from_training: Whether the states met in the source's training are used too.
+        filter: What events go through where states are gathered.
     """
 
     controller: str
@@ -41,6 +43,7 @@ class TransferConfig(RunConfig):
     simulator: SimulatorParameters
     parameters: Mapping[str, Parameters]
     from_training: bool
+    filter: FilterParameters
 
     @property
     def usual_name(self) -> str:
@@ -68,6 +71,7 @@ class TransferConfig(RunConfig):
             self.simulator,
             self.parameters,
             self.from_training,
+            self.filter,
         )
         return transfer_class(self.controller)(request)
 
@@ -114,7 +118,11 @@ class TransferConfig(RunConfig):
         own = transfer_class(asked.controller)
         groups = make_groups(
             {**own.defaults, **asked.parameters},
-            {'simulator': SimulatorParameters, **own.parameters_classes},
+            {
+                'simulator': SimulatorParameters,
+                'filter': FilterParameters,
+                **own.parameters_classes,
+            },
             asked.scenario,
         )
         check_seed(asked.seed)
@@ -125,6 +133,7 @@ class TransferConfig(RunConfig):
             checkpoint=checkpoint,
             seed=asked.seed,
             simulator=groups.pop('simulator'),
+            filter=groups.pop('filter'),
             parameters=groups,
             from_training=from_training,
         )
