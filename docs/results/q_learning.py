@@ -3,7 +3,8 @@
 
 source setup/env.sh; docs/results/q_learning.py runs/q_learning docs/results/q_learning.png
 
-Trainings and laps are read from the folder that experiments/q_learning.yaml has left.
+Trainings and laps are read from the folder that experiments/q_learning.yaml has left. What is
+compared is also written next to the figure, as CSV with a row for each training.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
+import pandas as pd
 from rigid import draw_tests  # next to this script
 
 from spikelane.statistics import equivalence_statistics
@@ -45,24 +47,42 @@ class Learnt(NamedTuple):
     is_solved: bool
     errors_m: list[float]  # of the laps that were completed
     cpu_s: float
+    actions: int
 
 
 class Quantity(NamedTuple):
     """What is compared; the margin is of the ratio, and was chosen before any result was seen."""
 
     name: str
+    column: str  # of the data
     value: Callable[[Learnt], float]
     margin: float
     form: str
 
 
 QUANTITIES = (
-    Quantity('mean reward of an action, whole training', lambda e: e.curve.mean(), 1.1, '.3f'),
     Quantity(
-        'the same, last 10,000 actions', lambda e: e.curve[-10_000 // WINDOW :].mean(), 1.1, '.3f'
+        'mean reward of an action, whole training',
+        'reward_per_action',
+        lambda e: e.curve.mean(),
+        1.1,
+        '.3f',
     ),
-    Quantity('action step when solved', lambda e: e.solved_step, 1.15, ',.0f'),
-    Quantity('mean error of the laps [m]', lambda e: float(np.mean(e.errors_m)), 1.25, '.4f'),
+    Quantity(
+        'the same, last 10,000 actions',
+        'late_reward_per_action',
+        lambda e: e.curve[-10_000 // WINDOW :].mean(),
+        1.1,
+        '.3f',
+    ),
+    Quantity('action step when solved', 'solved_step', lambda e: e.solved_step, 1.15, ',.0f'),
+    Quantity(
+        'mean error of the laps [m]',
+        'error_m',
+        lambda e: float(np.mean(e.errors_m)),
+        1.25,
+        '.4f',
+    ),
 )
 
 
@@ -78,8 +98,15 @@ def read(folder: Path, backend: str, seed: int) -> Learnt:
         if lap['completed']
     ]
     solved = metrics['solved_by']
-    cpu = json.loads((path / 'processor_time.json').read_text('utf-8'))
-    return Learnt(curve_of(facts), solved or facts['steps'], solved is not None, errors_m, cpu)
+    cpu = json.loads((path / 'processor_time.json').read_text('utf-8'))['processor_s']
+    return Learnt(
+        curve_of(facts),
+        solved or facts['steps'],
+        solved is not None,
+        errors_m,
+        cpu,
+        facts['steps'],
+    )
 
 
 def curve_of(facts: Any) -> NDArray[np.float64]:
@@ -100,7 +127,7 @@ def compare(learnt: dict[str, list[Learnt]]) -> list[tuple[str, dict[str, Any]]]
     tests = []
     print_row('quantity', *TITLES.values(), 'ratio (90 %)', 'margin', 'p', 'equivalent')
     print_row(*['---'] * 7)
-    for name, value, margin, form in QUANTITIES:
+    for name, _, value, margin, form in QUANTITIES:
         pairs = np.array([[value(each) for each in learnt[backend]] for backend in BACKENDS])
         found = equivalence_statistics(np.log(pairs[1] / pairs[0]).tolist(), math.log(margin))
         tests.append((name, found))
@@ -119,16 +146,34 @@ def compare(learnt: dict[str, list[Learnt]]) -> list[tuple[str, dict[str, Any]]]
     return tests
 
 
+def write_data(path: Path, learnt: dict[str, list[Learnt]]) -> None:
+    """Write what is compared, a row for each training."""
+    rows = [
+        {
+            'backend': backend,
+            'seed': seed,
+            'solved': each.is_solved,
+            'laps_completed': len(each.errors_m),
+            **{quantity.column: quantity.value(each) for quantity in QUANTITIES},
+            'processor_s': each.cpu_s,
+        }
+        for backend, trainings in learnt.items()
+        for seed, each in zip(SEEDS, trainings, strict=True)
+    ]
+    pd.DataFrame(rows).to_csv(path, index=False)
+
+
 def draw(
     path: Path, learnt: dict[str, list[Learnt]], tests: list[tuple[str, dict[str, Any]]]
 ) -> None:
     """Draw the learning curves and the tests."""
     with settings():
-        figure = new_figure(9.0, 3.6)
+        figure = new_figure(9.6, 3.6)
         figure.set_layout_engine('constrained')
         curves, margins = figure.subplots(1, 2)
         _draw_curves(curves, learnt)
         draw_tests(margins, tests, 'Numba to PyTorch')
+        margins.set_xlabel('log ratio, Numba to PyTorch\n(in parts of its margin; 90 %)')
         margins.set_title('Equivalence')
         save(figure, path)
 
@@ -155,8 +200,13 @@ def main() -> None:
     for backend, found in learnt.items():
         laps = sum(len(each.errors_m) for each in found)
         solved = sum(each.is_solved for each in found)
-        print(f'- {TITLES[backend]}: {solved} of {len(found)} solved, {laps} laps completed')
+        cpu_us = 1e6 * sum(each.cpu_s for each in found) / sum(each.actions for each in found)
+        print(
+            f'- {TITLES[backend]}: {solved} of {len(found)} solved, {laps} laps completed, '
+            f'{cpu_us:.0f} µs of processor time for an action'
+        )
     print()
+    write_data(figure.with_suffix('.csv'), learnt)
     draw(figure, learnt, compare(learnt))
 
 

@@ -16,7 +16,6 @@ TRAINING = TrainingCard(
         'simulator.episode.max_steps': 10_000,
     },
     device='q_learning.device',
-    requires='learn',
 )
 
 CARD = ControllerCard(

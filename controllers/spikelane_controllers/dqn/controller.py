@@ -230,7 +230,7 @@ class Dqn:
 
     def _make_learner(self) -> QLearning:
         parameters = self.parameters.q_learning
-        if parameters.backend == 'numba':
+        if not parameters.needs_pytorch:
             return QLearning(parameters, self._network)
         require_pytorch()
         # Here and not above: nothing else must wait for torch.

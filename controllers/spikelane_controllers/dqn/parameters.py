@@ -9,7 +9,6 @@ from numba.extending import register_jitable
 
 from spikelane_controllers.dqn.q_network import MOST_WEIGHTS, QNetworkParameters
 from spikelane_sim.encoding import StateImageParameters
-from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import check_size, MOST_STEPS, nested, parameter, Parameters
 from spikelane_sim.period import TimedParameters
 from spikelane_sim.task import DecisionParameters
@@ -85,18 +84,27 @@ class QLearningParameters(Parameters):
         high=1.0,
         source=_TABLE,
     )
-    device: str = parameter('cpu', 'Device that computes the updates.', choices=('cpu', 'cuda'))
+    device: str = parameter(
+        'cpu',
+        'Device that computes the updates; on cuda PyTorch does, whatever the backend.',
+        choices=('cpu', 'cuda'),
+    )
     backend: str = parameter(
-        'torch',
-        'Library that computes the updates: PyTorch (torch), or Numba (numba), which takes less '
-        'time, differs by rounding and computes on the CPU alone.',
-        choices=('torch', 'numba'),
+        'numba',
+        'Library that computes the updates on the CPU: Numba (numba), or PyTorch (torch), which '
+        'takes more time and differs by rounding.',
+        choices=('numba', 'torch'),
     )
 
     def exploration_rate(self, steps: int) -> float:
         """Return the probability of a random action after so many steps (section 3.4)."""
         rate: float = exploration_rate(self.exploration, steps)
         return rate
+
+    @property
+    def needs_pytorch(self) -> bool:
+        """Whether PyTorch computes the updates."""
+        return self.backend == 'torch' or self.device != 'cpu'
 
     @property
     def exploration(self) -> Exploration:
@@ -107,12 +115,6 @@ class QLearningParameters(Parameters):
             self.exploration_start,
             self.exploration_end,
         )
-
-    def _check_relations(self) -> None:
-        if self.backend == 'numba' and self.device != 'cpu':
-            raise ParameterError(
-                f'backend: expected torch, as the device is {self.device}, got numba'
-            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,9 @@
 The next state's value is that of double DQN: the network picks the action, the target network
 values it. The loss is the squared error, the optimiser Adam.
 
-`QLearning` computes the update with Numba (`update_kernel.py`). `TorchQLearning` in
-`torch_q_learning.py` computes it with PyTorch: it is the reference and the default, and can use
-CUDA. Both have the same states and draw the same transitions. They add in different orders, so
+`QLearning` computes the update with Numba (`update_kernel.py`), which is the default.
+`TorchQLearning` in `torch_q_learning.py` computes it with PyTorch: it is the reference, and can
+use CUDA. Both have the same states and draw the same transitions. They add in different orders, so
 that their weights differ by rounding.
 """
 

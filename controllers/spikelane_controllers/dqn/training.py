@@ -69,6 +69,8 @@ class DqnTraining(Training):
     """
 
     parameters_class: ClassVar[type[TrainingParameters]] = DqnTrainingParameters
+    #: PyTorch alone computed updates, before there was a choice.
+    former_values: ClassVar[Mapping[str, Any]] = {'q_learning.backend': 'torch'}
 
     def __init__(
         self,

@@ -87,9 +87,12 @@ class Training:
         steps: Steps driven, as the class counts them.
         terminations: Terminations of all episodes.
         on_episode: Called after each episode.
+        former_values: Parameters of the controller, by dotted names, that earlier versions did not
+            record, with the values that those had where they are not today's defaults.
     """
 
     parameters_class: ClassVar[type[TrainingParameters]] = TrainingParameters
+    former_values: ClassVar[Mapping[str, Any]] = {}
 
     def __init__(
         self,
@@ -401,8 +404,9 @@ class Training:
         config = current_config(mapping(facts, 'config'))
         own = config.get(self._name)
         if isinstance(own, Mapping):
-            # What the checkpoint's version did not have yet was as the default is.
-            config[self._name] = {**type(self.controller.parameters)().to_dict(), **own}
+            # What the checkpoint's version did not have yet was as the default is, or was.
+            defaults = type(self.controller.parameters)().to_dict()
+            config[self._name] = {**defaults, **self.former_values, **own}
         for name, expected in self._config.items():
             if name == INPUTS and name not in config:
                 continue  # of a version that did not tell

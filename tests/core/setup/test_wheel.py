@@ -289,7 +289,13 @@ EXTRAS = {
     'ray': ('ray', ['-m', 'spikelane.main', 'experiment', 'one.yaml', '--engine', 'ray']),
     'view': ('rerun', ['-c', VIEWER]),
     'sb3': ('stable_baselines3', ['-c', LEARN]),
-    'learn': ('torch', ['-m', 'spikelane.main', 'train', 'dqn', '--steps', '40', *AT_ONCE]),
+    'learn': (
+        'torch',
+        [
+            *('-m', 'spikelane.main', 'train', 'dqn', '--steps', '40', *AT_ONCE),
+            *('--param', 'dqn.q_learning.backend=torch'),
+        ],
+    ),
 }
 
 
@@ -325,12 +331,13 @@ def rewards_here() -> list[float]:
 def check_errors(command: Path, folder: Path) -> None:
     """Check what is said where something lacks: in one line, with what to do."""
     checkout = 'source install/setup.bash, or use ./spikelane in a checkout, which sets ROS 2 up'
+    learn = "pip install 'spikelane[learn]', or setup/bootstrap learn in a checkout"
     for words, error in {
         'lap': f'{checkout}; --transport inprocess needs none',
         'node simulator': f'AMENT_PREFIX_PATH, got none: {checkout}',
         'view --controller rstdp': f'AMENT_PREFIX_PATH, got none: {checkout}',
-        'train dqn': "pip install 'spikelane[learn]', or setup/bootstrap learn in a checkout",
-        'transfer': "pip install 'spikelane[learn]', or setup/bootstrap learn in a checkout",
+        'train dqn --param dqn.q_learning.backend=torch': learn,
+        'transfer': learn,
     }.items():
         done = subprocess.run(
             [command, *words.split()],

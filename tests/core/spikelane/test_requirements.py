@@ -33,9 +33,8 @@ def arguments(words: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     'words',
     [
-        'train dqn --scenario 2',
-        'train --robot kinematic dqn',
         'transfer',
+        'transfer --scenario 2',
         'reproduce --quick --out OUT',
         'experiment EXPERIMENTS/paper.yaml --out OUT',
     ],
@@ -56,6 +55,7 @@ def test_a_command_that_needs_pytorch_asks_for_it(
         'experiment EXPERIMENTS/paper.yaml --dry-run',
         'experiment EXPERIMENTS/rstdp.yaml --dry-run',
         'train rstdp --robot kinematic --steps 1 --out OUT',
+        'train dqn --robot kinematic --steps 1 --out OUT',
     ],
 )
 def test_who_does_not_use_pytorch_does_not_wait_for_it(

@@ -140,7 +140,7 @@ def train(
     """Let a controller learn by driving, as `spikelane train`.
 
     Args:
-        controller: 'rstdp', 'dqn' (which needs PyTorch), or one that another package registers.
+        controller: 'rstdp', 'dqn', or one that another package registers.
         scenario: As in `drive`.
         seed: Seed of all randomness.
         steps: Steps of 50 ms to drive, of the deep Q-network's actions of 0.5 s; None for as many
@@ -156,7 +156,8 @@ def train(
         The training with `episodes`, `weights` and `metrics`. It is a `checkpoint` for `drive`.
 
     Raises:
-        SpikelaneError: Anything is unknown or not allowed, or PyTorch is missing.
+        SpikelaneError: Anything is unknown or not allowed, or what the training
+            needs is missing.
     """
     require([training_card(controller).requires])
     given = _given(robot, engine, parameters)

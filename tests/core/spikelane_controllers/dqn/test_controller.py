@@ -245,8 +245,8 @@ def test_driving_does_not_wait_for_torch() -> None:
     assert done.stdout.strip() == 'False'
 
 
-def test_without_pytorch_it_drives_but_does_not_learn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The message says how to get it."""
+def test_without_pytorch_it_learns_with_numba_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the message says how to get it."""
     found = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, 'find_spec', lambda name: None if name == 'torch' else found(name)
@@ -254,7 +254,10 @@ def test_without_pytorch_it_drives_but_does_not_learn(monkeypatch: pytest.Monkey
     controller = dqn_of()
     controller.reset(np.random.default_rng(0))
     assert controller.step(seen(0, (64, 64))).left > 0
+    dqn_of(learning=True).initialise(np.random.default_rng(0))
     with pytest.raises(
         MissingPyTorchError, match=r"pip install 'spikelane\[learn\]', or setup/bootstrap learn "
     ):
-        dqn_of(learning=True).initialise(np.random.default_rng(0))
+        dqn_of(learning=True, **{'q_learning.backend': 'torch'}).initialise(
+            np.random.default_rng(0)
+        )

@@ -18,7 +18,7 @@ from spikelane_controllers.dqn.q_network import (
     QNetworkParameters,
 )
 from spikelane_controllers.dqn.torch_q_learning import TorchQLearning
-from spikelane_sim.errors import CheckpointError, ParameterError
+from spikelane_sim.errors import CheckpointError
 
 INPUTS, ACTIONS = 20, 3
 SIZES = QNetworkParameters(hidden_1=8, hidden_2=6, initial_bound=0.5)
@@ -267,10 +267,15 @@ def test_a_state_goes_from_one_backend_to_the_other(
     np.testing.assert_allclose(flat(other.network), flat(one.network), rtol=1e-4, atol=1e-6)
 
 
-def test_numba_does_not_compute_on_a_gpu() -> None:
-    """The line says which backend does."""
-    with pytest.raises(ParameterError, match='backend: expected torch, as the device is cuda'):
-        QLearningParameters(backend='numba', device='cuda')
+@pytest.mark.parametrize(
+    ('given', 'needs_pytorch'),
+    [({}, False), ({'backend': 'torch'}, True), ({'device': 'cuda'}, True)],
+)
+def test_pytorch_is_needed_where_it_is_asked_for_or_on_a_gpu(
+    given: dict[str, str], needs_pytorch: bool
+) -> None:
+    """Numba computes on the CPU, which is the default."""
+    assert QLearningParameters(**given).needs_pytorch is needs_pytorch
 
 
 def test_weights_that_are_no_numbers_do_not_become_numbers(kind: type[QLearning]) -> None:

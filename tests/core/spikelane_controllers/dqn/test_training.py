@@ -26,8 +26,8 @@ def training_of(folder: Path, backend: str) -> DqnTraining:
     return DqnTraining('dqn', Dqn(parameters), DqnTrainingParameters(), config, file)
 
 
-def test_what_an_earlier_version_did_not_have_is_the_default(tmp_path: Path) -> None:
-    """A training without a backend is one with PyTorch, and is not resumed with Numba."""
+def test_an_earlier_version_without_a_backend_computed_with_pytorch(tmp_path: Path) -> None:
+    """Though it is no longer the default: such a training is not resumed with Numba."""
     training_of(tmp_path, 'torch').begin(0)
     file = tmp_path / 'checkpoint.safetensors'
     arrays, facts = read_checkpoint(file, 'dqn')
