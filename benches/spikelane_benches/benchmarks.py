@@ -103,6 +103,12 @@ def _dqn_training() -> Result:
     return measure_dqn_training()
 
 
+def _real_time() -> Result:
+    from spikelane_benches.real_time import measure_real_time
+
+    return measure_real_time()
+
+
 def _startup() -> Result:
     from spikelane_benches.startup import measure_startup
 
@@ -123,6 +129,9 @@ BENCHMARKS: Mapping[str, Benchmark] = {
         _dqn_training, 'rigid_numba', 0.1, False, 'of the time with pybullet and PyTorch'
     ),
     'plasticity': Benchmark(_plasticity, 'ratio', 100, True, 'x NEST'),
+    'real-time': Benchmark(
+        _real_time, 'on_time_percent', 99.9, True, '% of answers within a period of 10 ms'
+    ),
     'startup': Benchmark(_startup, 'beyond_numba_s', 0.3, False, 's beyond Numba, up to the loop'),
     'recorder': Benchmark(_recorder, 'lost', 0, False, 'messages lost'),
 }

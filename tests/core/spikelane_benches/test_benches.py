@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import math
+import os
 from pathlib import Path
 import re
 from typing import Any
@@ -17,6 +19,7 @@ from spikelane_benches.dqn_training import measure_dqn_training
 from spikelane_benches.engines import measure_engines
 from spikelane_benches.plasticity import measure_plasticity
 from spikelane_benches.q_learning import measure_q_learning
+from spikelane_benches.real_time import measure_real_time, summary
 from spikelane_sim.errors import SpikelaneError
 
 
@@ -49,6 +52,32 @@ def test_where_nest_cannot_be_had_the_comparison_is_skipped(
     assert 'installing nest-simulator==3.10.0' in said.err
     assert 'skipped plasticity: expected NEST' in said.err
     assert 'pip install nest-simulator==3.10.0 (ERROR: No matching distribution' in said.err
+
+
+def test_delays_of_answers_are_summed_up() -> None:
+    """A period is 10 ms; an answer that never came is later than any other."""
+    delays = [float(delay) for delay in range(1, 11)] * 99 + [10.5] * 8 + [None] * 2
+    found = summary(delays, [10.0] * 999 + [20.5])
+    assert found == {
+        'on_time_percent': 99.0,
+        'p50_ms': 6.0,
+        'p99_ms': 10.5,
+        'p999_ms': math.inf,
+        'max_ms': math.inf,
+        'late_ticks_percent': 0.1,
+    }
+
+
+@pytest.mark.ros
+def test_answers_in_real_time_are_timed() -> None:
+    """Of all steps after the first ones, with both controllers; some are on time anywhere."""
+    before = os.sched_getscheduler(0)
+    result = measure_real_time(steps=100)
+    for name in ('rstdp', 'dqn_snn'):
+        assert 0 < result[f'{name}_p50_ms'] <= result[f'{name}_p99_ms']
+        assert 0 <= result['on_time_percent'] <= result[f'{name}_on_time_percent'] <= 100
+    assert result['scheduling'] in ('real-time', 'usual')
+    assert os.sched_getscheduler(0) == before
 
 
 @pytest.mark.slow
