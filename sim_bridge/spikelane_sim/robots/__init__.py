@@ -114,6 +114,14 @@ class RobotParameters(Parameters):
         high=100.0,
         source='a P3-DX drives at most 1.2 m/s, and 1.2 m/s / 0.0975 m is 12.3 rad/s',
     )
+    max_sideways_m_s2: float = parameter(
+        0.0,
+        'Largest sideways acceleration with which the engine rigid makes sure that the wheels '
+        'hold; 0: that of a turn about one standing wheel at the largest wheel velocity.',
+        unit='m/s^2',
+        low=0.0,
+        high=100.0,
+    )
     # 1 N m brakes at 1.8 m/s^2; from 2.7 m/s^2 on (1.5 N m) the caster would leave the floor.
     wheel_torque_n_m: float = parameter(
         1.0, "Largest torque of a wheel's drive.", unit='N m', low=0.01, high=100.0

@@ -21,6 +21,10 @@ def check_grip(parameters: RobotParameters, description: Description, friction: 
     as it may. The caster must carry some load then, and the inner wheel as much as it takes to
     hold its motor's push and half of the push sideways.
 
+    A robot that never turns as hard as that has `max_sideways_m_s2`. The push sideways is then
+    shared by the wheels as their loads are. That the robot does not turn harder is not checked
+    while it drives.
+
     Args:
         parameters: The robot's.
         description: Its parts.
@@ -34,13 +38,17 @@ def check_grip(parameters: RobotParameters, description: Description, friction: 
     forward_m_s2 = 2 * push_n / masses.felt_kg
     fastest_m_s = parameters.max_wheel_velocity_rad_s * parameters.wheel_radius_m
     sideways_m_s2 = fastest_m_s**2 / (2 * parameters.track_m)
+    is_given = 0 < parameters.max_sideways_m_s2 < sideways_m_s2
+    if is_given:
+        sideways_m_s2 = parameters.max_sideways_m_s2
     caster_m = description.base.contact_m[0] - parameters.axle_x_m
     weight_n = masses.mass_kg * _GRAVITY_M_S2
     rest_n = weight_n * masses.centre_m / caster_m
     shifted_n = masses.moment_kg_m * forward_m_s2 / abs(caster_m)
     rolled_n = masses.moment_kg_m * sideways_m_s2 / parameters.track_m
     inner_n = (weight_n - rest_n - shifted_n) / 2 - rolled_n
-    needed_n = math.hypot(push_n, masses.mass_kg * sideways_m_s2 / 2)
+    share = inner_n / (weight_n - rest_n - shifted_n) if is_given else 0.5
+    needed_n = math.hypot(push_n, masses.mass_kg * sideways_m_s2 * share)
     if rest_n < shifted_n or needed_n > friction * inner_n:
         raise ParameterError(
             'wheel_torque_n_m, max_wheel_velocity_rad_s and pybullet.wheel_friction: expected '

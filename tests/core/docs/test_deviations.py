@@ -40,7 +40,7 @@ NOT_THE_PAPERS = (
 ADDED = (
     'simulator.perturbation.*', 'simulator.randomisation.*', 'simulator.markings',
     'simulator.camera.contrast', 'simulator.camera.yaw_deg', 'simulator.pixels.dead_*',
-    'simulator.robot.*_factor',
+    'simulator.robot.*_factor', 'simulator.robot.max_sideways_m_s2',
 )  # fmt: skip
 
 
