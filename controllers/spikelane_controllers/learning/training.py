@@ -87,8 +87,7 @@ class Training:
         steps: Steps driven, as the class counts them.
         terminations: Terminations of all episodes.
         on_episode: Called after each episode.
-        former_values: Parameters of the controller, by dotted names, that earlier versions did not
-            record, with the values that those had where they are not today's defaults.
+        former_values: What parameters of the controller were before they could be chosen.
     """
 
     parameters_class: ClassVar[type[TrainingParameters]] = TrainingParameters
