@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import itertools
+import os
 from pathlib import Path
 import re
 import shlex
@@ -204,3 +205,12 @@ def test_links_lead_somewhere(page: Path) -> None:
             titles = re.findall(r'^#+ (.+)$', path.read_text('utf-8'), re.M)
             slugs = {re.sub(r'[^\w\- ]', '', title.lower()).replace(' ', '-') for title in titles}
             assert anchor in slugs, target
+
+
+@pytest.mark.parametrize(
+    'script', sorted((ROOT / 'docs').rglob('*.py')), ids=lambda path: path.name
+)
+def test_a_script_that_names_its_interpreter_can_be_executed(script: Path) -> None:
+    """As the pages call it."""
+    if script.read_text('utf-8').startswith('#!'):
+        assert os.access(script, os.X_OK)
