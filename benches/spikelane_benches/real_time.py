@@ -20,7 +20,7 @@ from spikelane_sim.files import write_yaml
 
 PERIOD_MS = 10
 CONTROLLERS = ('rstdp', 'dqn_snn')
-#: Of the processes, where the system allows it: they go before all that has none.
+#: Real-time priority of the processes, where the system allows one: they run before all others.
 PRIORITY = 20
 #: What the first observations need to compile nothing any more, and to meet all buffers.
 WARM_UP_STEPS = 200

@@ -72,7 +72,7 @@ class Case(NamedTuple):
         courses: On which each training drives.
         seeds: Trainings that drive.
         laps: Laps of each lane, training and course.
-        parameters: Of the controller.
+        parameters: Parameters of the controller.
     """
 
     controller: str

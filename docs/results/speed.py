@@ -269,7 +269,7 @@ def train(
     Args:
         setting: Who drives how.
         scenario: Number of the course.
-        seeds: Of the trainings.
+        seeds: Seeds of the trainings.
         c_r: The reward.
         seconds: How long.
         begin: Weights to begin with; None for those that are drawn.
@@ -311,7 +311,7 @@ def drive(
     Args:
         setting: Who drives how.
         scenario: Number of the course.
-        seeds: Of the laps, less LAP_SEED.
+        seeds: Seeds of the laps, less LAP_SEED.
         weights: Of R-STDP, for each seed; none for the shipped ones.
         losses: Lane losses of the training, for each seed.
     """

@@ -70,7 +70,7 @@ def test_delays_of_answers_are_summed_up() -> None:
 
 @pytest.mark.ros
 def test_answers_in_real_time_are_timed() -> None:
-    """Of all steps after the first ones, with both controllers; some are on time anywhere."""
+    """The delays of all steps after the first ones count, with both controllers."""
     before = os.sched_getscheduler(0)
     result = measure_real_time(steps=100)
     for name in ('rstdp', 'dqn_snn'):

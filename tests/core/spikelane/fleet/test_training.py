@@ -106,6 +106,18 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_episodes(
     assert_same(tmp_path / 'alone_1', folders[1], alone[1], second)
 
 
+def test_trainings_of_which_none_begins_are_reported(tmp_path: Path) -> None:
+    """Each with its reason, also where the kernel is used for any number of steps."""
+    (tmp_path / 'run').mkdir()
+    folder = RunFolder(tmp_path / 'run')
+    folder.checkpoint.write_bytes(b'nothing')
+    failed: list[str] = []
+    run = training_run.TrainingRun(make_config(3), folder, lambda *_: None)
+    training_run.train_together([run], lambda _, error: failed.append(str(error)))
+    assert len(failed) == 1
+    assert 'checkpoint.safetensors' in failed[0]
+
+
 @pytest.mark.parametrize('least', [STEPS, STEPS + 1])
 def test_only_a_long_training_is_worth_a_kernel(
     least: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

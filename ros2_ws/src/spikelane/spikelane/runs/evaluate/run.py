@@ -38,7 +38,7 @@ from spikelane_sim.course import course_label, load_course, scenario_course
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json
 
-#: Of the paper's courses, driven as the paper's controllers do [s].
+#: Duration of a lap of the paper's courses at the speed of the paper's controllers [s].
 _LAP_S = 250.0
 
 

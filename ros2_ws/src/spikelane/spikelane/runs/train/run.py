@@ -139,6 +139,8 @@ def train_together(
             fail(run.folder, error)
         else:
             begun.append(_Begun(run, training, is_resumed))
+    if not begun:
+        return
     if sum(each.training.observations_left for each in begun) < fleet_setting.LEAST_STEPS:
         _train_one_by_one(begun, fail)
         return
