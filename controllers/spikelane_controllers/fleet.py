@@ -26,6 +26,10 @@ PLACE_DTYPE = np.dtype(
         ('x_m', '<f8'),
         ('y_m', '<f8'),
         ('heading_rad', '<f8'),
+        ('orientation_x', '<f8'),  # of the body, a quaternion
+        ('orientation_y', '<f8'),
+        ('orientation_z', '<f8'),
+        ('orientation_w', '<f8'),
         ('distance_m', '<f8'),
         ('heading_error_rad', '<f8'),
         ('position_m', '<f8'),

@@ -30,8 +30,10 @@ from spikelane_sim.episode_rules import (
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import EVENT_DTYPE, Events
 from spikelane_sim.filters.compiled import filter_events
+from spikelane_sim.fleet.bodies import move_body
 from spikelane_sim.fleet.conditions import Conditions, with_rates
 from spikelane_sim.fleet.generators import generator_at
+from spikelane_sim.fleet.world import OTHER
 from spikelane_sim.pixels.coppelia import fire
 from spikelane_sim.pixels.crossings import cross_image, Crossings, deliver, emit, PixelArrays
 from spikelane_sim.pixels.dead import keep_living
@@ -66,7 +68,7 @@ ROBOT_DTYPE = np.dtype(
 )
 
 #: Columns of `Robots.motion` with the engine rigid; with kinematic v and w are the velocities of
-#: the wheels.
+#: the wheels. With an engine that is not compiled only the first three count.
 X, Y, HEADING, FORWARD, TURN, LEFT, RIGHT = range(7)
 
 
@@ -77,6 +79,7 @@ class Robots(NamedTuple):
         known: Records of `ROBOT_DTYPE`, (n_robots,).
         motion: x, y [m], heading [rad], v [m/s], w [rad/s] and the wheels' angles [rad],
             (n_robots, 7).
+        bodies: `Bodies.numbers`; 0 with a compiled engine, (n_robots,).
         poses: Poses of the body at the images of the last step, (n_robots, n_images, 7).
         planes: What was seen last, (n_robots, 2, height, words); of no size without bit planes.
         reference: Reference of the pixels, (n_robots, height * width); of no size
@@ -94,6 +97,7 @@ class Robots(NamedTuple):
 
     known: NDArray[np.void]
     motion: NDArray[np.float64]
+    bodies: NDArray[np.int64]
     poses: NDArray[np.float64]
     planes: NDArray[np.uint64]
     reference: NDArray[np.float64]
@@ -134,15 +138,17 @@ def make_scratch(world: Any) -> Scratch:
 def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-untyped-def]
     """Place robot i at rest on the lane that is known of it, and let it see its first image.
 
+    Where its engine is not compiled, it has been placed already, and its last pose is there.
     With `esim` the image is in `scratch.image`, for the pixels to look at.
     """
     motion, pose = robots.motion[i], robots.poses[i, -1]
     motion[:] = 0.0
     motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
-    pose[:] = 0.0
-    pose[0], pose[1] = x_m, y_m
-    pose[2] = world.body.height_m if world.engine == 1 else world.drive.height_m
-    pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
+    if world.engine != OTHER:
+        pose[:] = 0.0
+        pose[0], pose[1] = x_m, y_m
+        pose[2] = world.body.height_m if world.engine == 1 else world.drive.height_m
+        pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
     known = robots.known[i]
     known.sent = known.arrived = known.n_waiting = known.n_events = 0
     robots.memory[i] = world.filters.memory
@@ -191,7 +197,7 @@ def simulate(  # type: ignore[no-untyped-def]
     if world.has_wheel_errors:
         errors = WheelErrors(condition.left, condition.right, condition.track)
         left, right = nominal_velocities(left, right, errors)
-    _move(world, robots.motion[i], robots.poses[i], left, right)
+    _move(world, robots, i, left, right)
     position_m = _locate(world, robots, i)
     last = Progress(
         known.position_m,
@@ -250,7 +256,11 @@ def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-unty
 
 
 @inner
-def _move(world, motion, poses, left, right):  # type: ignore[no-untyped-def]
+def _move(world, robots, i, left, right):  # type: ignore[no-untyped-def]
+    motion, poses = robots.motion[i], robots.poses[i]
+    if world.engine == OTHER:
+        move_body(robots.bodies[i], left, right, poses, motion[: HEADING + 1])
+        return
     if world.engine == 1:
         drive_step(world.body, motion, left, right, world.substeps, poses)
         return

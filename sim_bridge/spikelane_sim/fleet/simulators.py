@@ -19,6 +19,7 @@ from spikelane_sim.episode_rules import check_beginning, REASONS
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.events import EVENT_DTYPE
 from spikelane_sim.filters import FilterParameters
+from spikelane_sim.fleet.bodies import Bodies
 from spikelane_sim.fleet.conditions import make_conditions, write_condition
 from spikelane_sim.fleet.generators import Generators
 from spikelane_sim.fleet.kernel import (
@@ -29,7 +30,7 @@ from spikelane_sim.fleet.kernel import (
     Robots,
     TURN,
 )
-from spikelane_sim.fleet.world import ENGINES, make_world, World
+from spikelane_sim.fleet.world import ENGINES, make_world, OTHER, World
 from spikelane_sim.pixels import PixelParameters
 from spikelane_sim.pixels.crossings import PixelArrays
 from spikelane_sim.pixels.esim import EsimPixels
@@ -92,7 +93,7 @@ class SimulatorFleet:
 
         Raises:
             SpikelaneError: A fleet cannot simulate this, or the numbers of robots and courses
-                differ.
+                differ, or too many robots for an engine.
         """
         if n_robots < 1:
             raise SpikelaneError(f'n_robots: expected at least 1, got {n_robots}')
@@ -107,7 +108,13 @@ class SimulatorFleet:
         self._lane_names = [name for course in found for name in course.lanes]
         self.world = make_world(self._schedules[0], found, filters or FilterParameters())
         self.noise, self.losses = Generators(n_robots), Generators(n_robots)
-        self.robots = _make_robots(self.world, n_robots, self.noise, self.losses)
+        self._bodies = (
+            Bodies(n_robots, self.parameters.robot, self.world.n_images, self.world.period_s)
+            if self.world.engine == OTHER
+            else None
+        )
+        numbers = self._bodies.numbers if self._bodies else np.zeros(n_robots, np.int64)
+        self.robots = _make_robots(self.world, numbers, self.noise, self.losses)
         self.robots.known['course'] = [self._numbers[name] for name in names]
         self._scratch = make_scratch(self.world)
         camera = self.parameters.camera
@@ -124,6 +131,11 @@ class SimulatorFleet:
     def __len__(self) -> int:
         """Return how many robots there are."""
         return len(self._episodes)
+
+    def close(self) -> None:
+        """Release the physics engines."""
+        if self._bodies:
+            self._bodies.close()
 
     def course(self, robot: int) -> Course:
         """Return the course that a robot drives on."""
@@ -167,6 +179,8 @@ class SimulatorFleet:
         if self.world.has_losses:
             self.losses[robot] = link_rng(*now)
         start = self.world.starts[lane_number]
+        if self._bodies:
+            self.robots.poses[robot, -1] = self._bodies.reset(robot, *start)
         begin(self.world, self.robots, self._scratch, robot, *start)
         if self._pixels is not None:
             self._see_first(self._pixels, robot, phases.first.pixels)
@@ -215,7 +229,9 @@ class SimulatorFleet:
     def wheel_velocities(self) -> NDArray[np.float64]:
         """Return what the encoders of the wheels measure [rad/s], (n_robots, 2)."""
         forward, turn = self.robots.motion[:, FORWARD], self.robots.motion[:, TURN]
-        if ENGINES[self.world.engine] == KINEMATIC:
+        if self._bodies:
+            left, right = self._bodies.wheel_velocities().T
+        elif ENGINES[self.world.engine] == KINEMATIC:
             left, right = forward, turn
         else:
             body = self.world.body
@@ -286,7 +302,10 @@ class SimulatorFleet:
         return found
 
 
-def _make_robots(world: World, n_robots: int, noise: Generators, losses: Generators) -> Robots:
+def _make_robots(
+    world: World, bodies: NDArray[np.int64], noise: Generators, losses: Generators
+) -> Robots:
+    n_robots = len(bodies)
     planes = (2, world.height, words_of(world.width)) if world.has_planes else (0, 0, 0)
     size = world.height * world.width
     pixels = 0 if world.has_planes or world.has_esim else size
@@ -294,6 +313,7 @@ def _make_robots(world: World, n_robots: int, noise: Generators, losses: Generat
     return Robots(
         known=np.zeros(n_robots, ROBOT_DTYPE),
         motion=np.zeros((n_robots, 7)),
+        bodies=bodies,
         poses=np.zeros((n_robots, world.n_images, 7)),
         planes=np.zeros((n_robots, *planes), np.uint64),
         reference=np.zeros((n_robots, pixels)),

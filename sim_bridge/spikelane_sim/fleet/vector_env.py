@@ -50,7 +50,7 @@ def make_vector_env(
 ) -> VectorEnv[Any, Any, Any]:
     """Make many environments.
 
-    What the kernel has becomes a `LaneKeepingVectorEnv`. For the rest, as the engine pybullet, the
+    What the kernel has becomes a `LaneKeepingVectorEnv`. For the rest, as images to be shown, the
     result is a `SyncVectorEnv` of single environments, which does the same but more slowly; a
     warning then says which parameter it is.
 
@@ -110,7 +110,8 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
             observation: What is observed.
             actions: What actions are.
             render_mode: None.
-            simulator: Parameters of the simulators; the engine must be rigid or kinematic.
+            simulator: Parameters of the simulators. The engines rigid and kinematic are many
+                times as fast as all others.
             task: Parameters of the task.
             filters: Parameters of the filters; those that are not compiled are not in the kernel.
 
@@ -231,8 +232,9 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observe(), rewards, lost, truncated, infos
 
     def close_extras(self, **_: Any) -> None:
-        """End the threads."""
+        """End the threads, and release the physics engines."""
         self._threads.close()
+        self._fleet.close()
 
     def _begin(self, i: int, seed: int | None, lane: str | None) -> None:
         """Begin an episode in environment i, as `LaneKeepingEnv.reset` does."""

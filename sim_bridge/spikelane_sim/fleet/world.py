@@ -12,17 +12,18 @@ from spikelane_sim.bit_planes import fires_always
 from spikelane_sim.camera import ANTIALIAS_ROWS, seen_ground
 from spikelane_sim.conditions.schedule import Schedule
 from spikelane_sim.course import Course
-from spikelane_sim.errors import ParameterError
 from spikelane_sim.filters import FilterParameters
-from spikelane_sim.filters.compiled import Chain, check_chain, make_chain
+from spikelane_sim.filters.compiled import Chain, make_chain
 from spikelane_sim.pixels.crossings import Constants
 from spikelane_sim.pixels.esim import esim_constants
 from spikelane_sim.robots import KINEMATIC, RIGID
 from spikelane_sim.robots.rigid import RigidBody, RigidDrive
-from spikelane_sim.simulator_parameters import SimulatorParameters
 
-#: Engines that a fleet has, by the numbers that the kernel knows.
+#: Engines that are compiled, by the numbers that the kernel knows.
 ENGINES = (KINEMATIC, RIGID)
+
+#: The number of all other engines, whose robots the kernel calls.
+OTHER = len(ENGINES)
 
 #: Where these change, what a pixel saw last does not follow from its last image.
 _INTENSITIES = {'camera.contrast', 'pixels.coppelia.threshold'}
@@ -62,7 +63,7 @@ class World(NamedTuple):
         width: Columns of the image [px].
         height: Rows of the image [px].
         has_planes: Whether images are bit planes.
-        engine: Index in `ENGINES`.
+        engine: Index in `ENGINES`, or `OTHER`.
         drive: For the engine kinematic.
         body: For the engine rigid.
         substeps: Steps of the physics from one pose to the next.
@@ -130,7 +131,6 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
             names the parameter.
     """
     parameters = schedule.parameters
-    check_world(parameters, filters)
     n_images = parameters.pixels.images_per_step
     has_esim = parameters.pixels.model == 'esim'
     lanes = [lane for course in courses for lane in course.lanes.values()]
@@ -149,7 +149,7 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
         width=camera.width,
         height=camera.height,
         has_planes=_has_planes(schedule, courses),
-        engine=ENGINES.index(robot.engine),
+        engine=ENGINES.index(robot.engine) if robot.engine in ENGINES else OTHER,
         drive=Drive(robot.wheel_radius_m, robot.track_m, robot.axle_x_m, robot.height_m),
         body=rigid.body if rigid else RigidBody(*(0.0,) * len(RigidBody._fields)),
         substeps=rigid.substeps if rigid else 1,
@@ -195,20 +195,6 @@ def _has_planes(schedule: Schedule, courses: Sequence[Course]) -> bool:
         )
         for each in grounds
     )
-
-
-def check_world(parameters: SimulatorParameters, filters: FilterParameters) -> None:
-    """Check that the kernel has what parameters ask for.
-
-    Raises:
-        ParameterError: It has not; the message names the parameter.
-    """
-    engine = parameters.robot.engine
-    if engine not in ENGINES:
-        raise ParameterError(
-            f'robot.engine: expected {" or ".join(ENGINES)} in a fleet, got {engine}'
-        )
-    check_chain(filters)
 
 
 def _bounds(sizes: Sequence[int]) -> NDArray[np.int64]:

@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.contract import RobotState, WheelVelocities
+from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.period import PERIOD_MS
 from spikelane_sim.robots.bullet import pybullet
 from spikelane_sim.robots.pybullet_engine import PybulletParameters
@@ -249,6 +250,8 @@ class _Engine:
 
     def __init__(self) -> None:
         self._id = pybullet.connect(pybullet.DIRECT)
+        if self._id < 0:
+            raise SpikelaneError('robot.engine: pybullet has no room for one more robot')
         self._release = weakref.finalize(self, pybullet.disconnect, self._id)
 
     def __getattr__(self, name: str) -> Any:

@@ -180,7 +180,7 @@ def test_one_that_fails_does_not_lose_the_others(engine: str, tmp_path: Path) ->
 class _Engine:
     """Notes what it is given, and ends all at once."""
 
-    slots, most_together = 2, 64
+    slots, does_together = 2, True
 
     def __init__(self) -> None:
         self.started: list[int] = []
@@ -205,22 +205,30 @@ class _Engine:
 
 
 @pytest.mark.parametrize(
-    ('slots', 'seeds', 'expected'),
-    [(1, 20, [20]), (2, 20, [10, 10]), (64, 20, [1] * 20), (1, 70, [64, 6])],
+    ('slots', 'seeds', 'robot', 'expected'),
+    [
+        (1, 20, 'kinematic', [20]),
+        (2, 20, 'kinematic', [10, 10]),
+        (64, 20, 'kinematic', [1] * 20),
+        (1, 70, 'kinematic', [64, 6]),
+        (1, 20, 'pybullet', [8, 8, 4]),
+        (4, 20, 'pybullet', [5] * 4),
+    ],
 )
 def test_runs_are_divided_among_the_processes(
-    slots: int, seeds: int, expected: list[int], tmp_path: Path
+    slots: int, seeds: int, robot: str, expected: list[int], tmp_path: Path
 ) -> None:
-    """What can be begun is divided by how many there are."""
+    """What can be begun is divided by how many there are; physics engines need memory."""
     text = """
 name: some
 matrix:
   controllers: [rstdp]
-  robots: [kinematic]
+  robots: [ROBOT]
   seeds: SEEDS
   tasks: {train: {steps: 100}}
 """
-    plan = make_plan(read_experiment(experiment_in(tmp_path, text.replace('SEEDS', str(seeds)))))
+    text = text.replace('SEEDS', str(seeds)).replace('ROBOT', robot)
+    plan = make_plan(read_experiment(experiment_in(tmp_path, text)))
     engine = _Engine()
     engine.slots = slots
     runner = Runner(plan, tmp_path, 0)
@@ -230,24 +238,26 @@ matrix:
 
 
 def test_what_the_kernel_lacks_is_done_alone(tmp_path: Path) -> None:
-    """The engine pybullet has no setting in common with anything."""
+    """Such as a network that learns on a GPU; it has no setting in common with anything."""
     text = """
 name: some
 matrix:
   controllers: [rstdp, dqn]
   robots: [kinematic, pybullet]
-  variants: {plain: {}, filtered: {filter.chain: refractory}}
+  variants: {plain: {}, filtered: {filter.chain: refractory}, gpu: {dqn.q_learning.device: cuda}}
   tasks: {train: {steps: 100}}
 """
     plan = make_plan(read_experiment(experiment_in(tmp_path, text)))
-    assert {run.name for run in plan.runs if run.setting} == {
-        'train-rstdp-1-kinematic-plain-seed0',
-        'train-rstdp-1-kinematic-filtered-seed0',
-        'train-dqn-1-kinematic-plain-seed0',
-        'train-dqn-1-kinematic-filtered-seed0',
+    assert {run.name for run in plan.runs if not run.setting} == {
+        'train-dqn-1-kinematic-gpu-seed0',
+        'train-dqn-1-pybullet-gpu-seed0',
     }
-    assert local_engine(3).most_together == local_engine(3, 'fleet').most_together == 64
-    assert local_engine(3, 'local').most_together == 1
+    together = {run.setting: run.most_together for run in plan.runs if run.setting}
+    assert len(together) == 8
+    assert sorted(together.values()) == [8] * 4 + [64] * 4
+    assert local_engine(3).does_together
+    assert local_engine(3, 'fleet').does_together
+    assert not local_engine(3, 'local').does_together
 
 
 def test_each_of_several_says_why_it_failed(

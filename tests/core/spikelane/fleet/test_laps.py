@@ -68,6 +68,7 @@ def evaluate_alone(config: EvaluateConfig, path: Path, monkeypatch: pytest.Monke
             'rstdp', {**LEARNING, **NOISY, **QUICK}, {'seeds': 2}, id='learning in steps of 10 ms'
         ),
         pytest.param('braitenberg', {**FILTERED, **QUICK}, {}, id='steps of 10 ms'),
+        pytest.param('rstdp', {'simulator.robot.engine': 'pybullet'}, {}, id='pybullet'),
         pytest.param(
             'braitenberg',
             {'simulator.robot.engine': 'rigid'},

@@ -15,7 +15,10 @@ from spikelane.runs.train import run as training_run
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import make_training, train
 from spikelane_controllers.learning.training import Training
+from spikelane_sim.calibration import write_calibration
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.simulated_calibration import simulated_calibration
+from spikelane_sim.simulator_parameters import SimulatorParameters
 
 PARAMETERS = {
     'simulator.robot.engine': 'rigid',
@@ -135,7 +138,7 @@ def test_only_a_long_training_is_worth_a_kernel(
     ('parameters', 'can'),
     [
         ({}, True),
-        ({'simulator.robot.engine': 'pybullet'}, False),
+        ({'simulator.robot.engine': 'pybullet'}, True),
         ({'simulator.pixels.model': 'esim'}, True),
         ({'filter.chain': 'refractory, hot_pixels'}, True),
     ],
@@ -143,6 +146,14 @@ def test_only_a_long_training_is_worth_a_kernel(
 def test_what_a_kernel_has_is_known_before(parameters: dict[str, Any], can: bool) -> None:
     """What it does not have is trained observation by observation."""
     assert has_kernel(make_config(0, **parameters)) == can
+
+
+def test_a_filter_that_is_not_compiled_has_no_kernel(tmp_path: Path) -> None:
+    """As the one that maps events through the ground plane."""
+    file = tmp_path / 'camera.yaml'
+    write_calibration(file, simulated_calibration(SimulatorParameters()))
+    view = {'filter.chain': 'ground_view', 'filter.ground_view.file': str(file)}
+    assert not has_kernel(make_config(0, **view))
 
 
 def test_other_settings_are_refused(tmp_path: Path) -> None:

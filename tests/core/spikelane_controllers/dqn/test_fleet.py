@@ -130,6 +130,25 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_an_episode(
     assert_same(folder, resumed, its_folder, its_own)
 
 
+def test_the_robot_may_be_moved_by_an_engine_that_is_not_compiled(tmp_path: Path) -> None:
+    """With pybullet, too, the kernel leaves what is left without it, before and after a stop."""
+    config = make_config(3, **{'simulator.robot.engine': 'pybullet'})
+    its_folder, folder = tmp_path / 'alone', tmp_path / 'fleet'
+    its_own = train_alone(config, its_folder)
+    training = begin(config, folder)
+
+    def stop(robot: int, progress_m: float) -> None:
+        del robot, progress_m
+        if training.steps >= 60:
+            raise Interrupted(2)
+
+    with pytest.raises(Interrupted):
+        train_fleet([config], [training], stop)
+    resumed = begin(config, folder, resume=True)
+    train_fleet([config], [resumed], lambda *_: None)
+    assert_same(folder, resumed, its_folder, its_own)
+
+
 def test_every_checkpoint_is_written_when_it_is_due(tmp_path: Path) -> None:
     """Also where an episode ends with the action at which it is due."""
     kept: dict[str, list[bytes]] = {'alone': [], 'fleet': []}

@@ -5,14 +5,16 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 import pytest
 
-from spikelane_sim.contract import WheelVelocities
+from spikelane_sim.contract import RobotState, WheelVelocities
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.events import Events
 from spikelane_sim.filters import FilterParameters, FilterStage
 from spikelane_sim.filters import kind as filter_kinds
 from spikelane_sim.filters.hot_pixels import HotPixels, write_hot_pixels
+from spikelane_sim.fleet import bodies
 from spikelane_sim.fleet.generators import generator_at, Generators, TEMPLATE
 from spikelane_sim.fleet.kernel import make_scratch, simulate
 from spikelane_sim.fleet.simulators import SimulatorFleet
@@ -21,6 +23,7 @@ from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import SimulatorParameters
 
 RIGID = {'robot.engine': 'rigid', 'episode.max_distance_m': 0.0}
+PYBULLET = {'robot.engine': 'pybullet'}
 NOISY = {
     'pixels.coppelia.noise_rate_hz': 1.0,
     'link.event_loss': 0.3,
@@ -111,6 +114,9 @@ def assert_same_events(events: Events, expected: Events, begin_ns: int) -> None:
     [
         pytest.param({}, None, True, id='rigid'),
         pytest.param({'robot.engine': 'kinematic'}, None, True, id='kinematic'),
+        pytest.param(PYBULLET, None, True, id='pybullet'),
+        pytest.param({**PYBULLET, **CHANGED, **NOISY}, None, True, id='pybullet, changed'),
+        pytest.param({**PYBULLET, **LATE, **SMALL}, None, False, id='pybullet, esim'),
         pytest.param({'camera.antialias': True}, None, False, id='antialias'),
         pytest.param(NOISY, None, True, id='noise, loss and latency'),
         pytest.param({**NOISY, **SMALL, 'camera.antialias': True}, None, False, id='noisy, gray'),
@@ -169,19 +175,72 @@ def test_each_robot_does_what_it_does_alone(
         assert (fleet.seed(robot), fleet.episode(robot)) == (5 + robot, 2)
 
 
-@pytest.mark.parametrize(
-    ('values', 'message'),
-    [
-        ({}, 'robot.engine: expected kinematic or rigid in a fleet, got pybullet'),
-    ],
-)
-def test_what_the_kernel_does_not_have_is_refused_by_name(
-    values: dict[str, object], message: str
-) -> None:
-    """Never silently different."""
-    with pytest.raises(ParameterError) as caught:
-        SimulatorFleet(1, SimulatorParameters.from_mapping(values, 'simulator'))
-    assert str(caught.value) == message
+@pytest.mark.parametrize('changed', [{}, CHANGED], ids=['plain', 'with unequal wheels'])
+@pytest.mark.parametrize('engine', ['kinematic', 'rigid', 'pybullet'])
+def test_encoders_measure_what_they_measure_alone(engine: str, changed: dict[str, object]) -> None:
+    """To rounding."""
+    values = {**RIGID, **changed, 'robot.engine': engine}
+    parameters = SimulatorParameters.from_mapping(values, 'simulator')
+    fleet, single = SimulatorFleet(2, parameters), Simulator(parameters)
+    single.reset(None, 3)
+    fleet.reset(1, None, 3)
+    scratch = make_scratch(fleet.world)
+    for _ in range(40):
+        single.step(WheelVelocities(1.5, 2.0))
+        one_step(fleet.world, fleet.robots, scratch, TEMPLATE, 1, 1.5, 2.0)
+    fleet.reset(0, None, 3)
+    assert fleet.wheel_velocities()[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    measured = single.robot_state.wheel_velocities
+    assert fleet.wheel_velocities()[1] == pytest.approx(measured, rel=1e-9)
+
+
+class _Stuck:
+    """A robot that does not come on, and then breaks."""
+
+    closed = 0
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def reset(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        self.state = RobotState(
+            position=(x_m, y_m, 0.0),
+            orientation=(0.0, 0.0, np.sin(heading_rad / 2), np.cos(heading_rad / 2)),
+            linear=(0.0, 0.0, 0.0),
+            angular=(0.0, 0.0, 0.0),
+            wheel_angles=(0.0, 0.0),
+            wheel_velocities=(0.0, 0.0),
+        )
+
+    def step(self, wheels: WheelVelocities) -> NDArray[np.float64]:
+        self.steps += 1
+        if self.steps > 3:
+            raise SpikelaneError(f'stuck: expected room ahead, got {wheels.left} rad/s')
+        return np.array([self.state.position + self.state.orientation])
+
+    def close(self) -> None:
+        _Stuck.closed += 1
+
+
+def test_an_engine_of_another_package_drives_in_a_fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it raises comes through the kernel; its robots are closed once."""
+    monkeypatch.setattr(bodies, 'make_robot', lambda *_: _Stuck())
+    parameters = SimulatorParameters.from_mapping({'robot.engine': 'pybullet'}, 'simulator')
+    fleet = SimulatorFleet(2, parameters)
+    start = fleet.reset(1, None, 3)
+    scratch = make_scratch(fleet.world)
+    for _ in range(3):
+        one_step(fleet.world, fleet.robots, scratch, TEMPLATE, 1, 1.5, 2.0)
+    assert fleet.lane_state(1).position_m == start.position_m
+    assert fleet.lane_state(1).step == 3
+    with pytest.raises(SpikelaneError, match=r'^stuck: expected room ahead, got 1\.5 rad/s$'):
+        one_step(fleet.world, fleet.robots, scratch, TEMPLATE, 1, 1.5, 2.0)
+    numbers = set(fleet.robots.bodies.tolist())
+    assert numbers <= bodies._robots.keys()
+    fleet.close()
+    fleet.close()
+    assert _Stuck.closed == 2
+    assert not numbers & bodies._robots.keys()
 
 
 FILTERS = {

@@ -74,6 +74,14 @@ def same(one: Any, other: Any) -> bool:
         ),
         pytest.param(
             {
+                'observation': 'sensors',
+                'simulator': {**RIGID, 'robot.engine': 'pybullet'},
+                'threads': 2,
+            },
+            id='pybullet',
+        ),
+        pytest.param(
+            {
                 'observation': 'event_image',
                 'simulator': {**ESIM, 'robot.engine': 'kinematic'},
                 'threads': 2,
@@ -140,19 +148,15 @@ def test_results_are_those_of_single_environments(
 
 
 def test_what_the_kernel_lacks_is_stepped_one_by_one_and_said(tmp_path: Path) -> None:
-    """The default engine is pybullet: the results stay what they are, with a warning."""
-    with pytest.warns(UserWarning, match=r'robot\.engine: expected kinematic or rigid'):
-        vector = gymnasium.make_vec(ID, num_envs=2)
+    """The results stay what they are, with a warning."""
+    with pytest.warns(UserWarning, match='render_mode: expected None, got rgb_array'):
+        vector = gymnasium.make_vec(ID, num_envs=2, render_mode='rgb_array')
     assert isinstance(vector, SyncVectorEnv)
     vector.close()
     write_calibration(tmp_path / 'camera.yaml', simulated_calibration(SimulatorParameters()))
     view = {'chain': 'ground_view', 'ground_view.file': str(tmp_path / 'camera.yaml')}
-    for other in (
-        {'filters': view},
-        {'render_mode': 'rgb_array'},
-    ):
-        with pytest.warns(UserWarning, match='single environments'):
-            gymnasium.make_vec(ID, num_envs=2, **{'simulator': RIGID, **other}).close()
+    with pytest.warns(UserWarning, match='single environments'):
+        gymnasium.make_vec(ID, num_envs=2, simulator=RIGID, filters=view).close()
 
 
 def test_wrong_calls_are_refused() -> None:

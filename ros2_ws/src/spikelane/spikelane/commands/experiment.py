@@ -13,7 +13,7 @@ from typing import Any
 
 from spikelane.experiment.engine import Engine
 from spikelane.experiment.file import read_experiment
-from spikelane.experiment.local import LocalEngine, MOST_IN_FLEET
+from spikelane.experiment.local import LocalEngine
 from spikelane.experiment.plan import make_plan, Plan
 from spikelane.experiment.results import experiment_results, write_results
 from spikelane.experiment.runner import Runner, RunStatus
@@ -165,8 +165,9 @@ def local_engine(jobs: int | None, name: str = AUTO) -> LocalEngine:
         jobs: Processes at a time; None for as many as there are processors.
         name: Which of those that `--engine` offers.
     """
-    most_together = 1 if name == LOCAL else MOST_IN_FLEET
-    return LocalEngine(jobs or os.cpu_count() or 1, most_together, is_in_kernel=name == FLEET)
+    return LocalEngine(
+        jobs or os.cpu_count() or 1, does_together=name != LOCAL, is_in_kernel=name == FLEET
+    )
 
 
 def _engine(options: argparse.Namespace) -> Engine:

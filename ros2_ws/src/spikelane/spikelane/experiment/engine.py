@@ -45,14 +45,14 @@ class Engine(Protocol):
         """How many processes are at work."""
 
     @property
-    def most_together(self) -> int:
-        """How many runs of one setting a process does together."""
+    def does_together(self) -> bool:
+        """Whether a process does several runs of one setting."""
 
     def start(self, runs: Mapping[str, Path]) -> None:
         """Begin to do runs in one process.
 
         Args:
-            runs: Folders by the runs' names; at most `most_together`.
+            runs: Folders by the runs' names; several only if `does_together`.
 
         Raises:
             SpikelaneError: It cannot be begun.

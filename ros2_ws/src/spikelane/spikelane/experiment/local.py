@@ -16,9 +16,6 @@ from spikelane.experiment.worker import LOG
 from spikelane.processes import Processes
 from spikelane.runs.folder import RunFolder
 
-#: Runs that a fleet has: with more, much would be lost where its process is killed.
-MOST_IN_FLEET = 64
-
 
 class LocalEngine:
     """Starts processes that do a run each, or several together; an `Engine`.
@@ -27,17 +24,19 @@ class LocalEngine:
     figures, could not be shared among threads.
     """
 
-    def __init__(self, jobs: int, most_together: int = 1, *, is_in_kernel: bool = False) -> None:
+    def __init__(
+        self, jobs: int, *, does_together: bool = False, is_in_kernel: bool = False
+    ) -> None:
         """Begin without processes.
 
         Args:
             jobs: How many processes there are at a time.
-            most_together: How many runs a process does.
+            does_together: Whether a process does several runs of one setting.
             is_in_kernel: As of `worker_command`.
         """
         self._is_in_kernel = is_in_kernel
         self._jobs = jobs
-        self._most_together = most_together
+        self._does_together = does_together
         self._processes = Processes()
         self._running: dict[str, Mapping[str, Path]] = {}  # by the first of a process's runs
 
@@ -52,9 +51,9 @@ class LocalEngine:
         return len(self._running)
 
     @property
-    def most_together(self) -> int:
-        """How many runs of one setting a process does together."""
-        return self._most_together
+    def does_together(self) -> bool:
+        """Whether a process does several runs of one setting."""
+        return self._does_together
 
     def start(self, runs: Mapping[str, Path]) -> None:
         """Start a process; see `Engine`."""

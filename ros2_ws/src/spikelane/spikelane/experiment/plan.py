@@ -44,6 +44,7 @@ class PlannedRun:
         identity: What it is compared by, as a JSON-compatible dict.
         setting: What it has in common with runs that can be done in one fleet with it; '' where
             it is done alone.
+        most_together: How many of these can be done together.
     """
 
     name: str
@@ -54,6 +55,7 @@ class PlannedRun:
     before: str | None
     identity: Mapping[str, Any]
     setting: str = ''
+    most_together: int = 1
 
     @property
     def key(self) -> str:
@@ -207,6 +209,7 @@ class _Planner:
             before.name if before else None,
             identity,
             f'{task} {setting}' if setting else '',
+            TASKS[task].most_together(config) if setting else 1,
         )
         known = self._by_key.setdefault(run.key, run)
         if known is run:

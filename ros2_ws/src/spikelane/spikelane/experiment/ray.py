@@ -90,9 +90,9 @@ class RayEngine:
         return len(self._running)
 
     @property
-    def most_together(self) -> int:
+    def does_together(self) -> bool:
         """Each run has a process of its own."""
-        return 1
+        return False
 
     def start(self, runs: Mapping[str, Path]) -> None:
         """Give a run to the cluster; see `Engine`."""

@@ -190,7 +190,7 @@ class Runner:
         ready = list(self._ready()) if engine.busy < engine.slots else []
         share = max(math.ceil(len(ready) / engine.slots), _LEAST if engine.busy else 1)
         while ready and engine.busy < engine.slots:
-            group = _group(ready, min(share, engine.most_together))
+            group = _group(ready, share if engine.does_together else 1)
             self._start(group, engine)
             ready = [each for each in ready if each.state is RunStatus.WAITING]
             for status in group:
@@ -282,7 +282,7 @@ def _group(ready: Sequence[Status], most: int) -> Sequence[Status]:
     if not first.run.setting or first.attempts:
         return [first]
     alike = [each for each in ready if each.run.setting == first.run.setting and not each.attempts]
-    return alike[:most]
+    return alike[: min(most, first.run.most_together)]
 
 
 def log_event(root: Path, event: str, **facts: Any) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import json
 from typing import Any, cast, NamedTuple
 
-from spikelane.fleet.setting import setting_key
+from spikelane.fleet.setting import most_together, setting_key
 from spikelane.recording.record import check_recordable
 from spikelane.runs.configuration import Request, RunConfig
 from spikelane.runs.evaluate.config import EvaluateConfig, EvaluationParameters
@@ -98,6 +98,8 @@ class Task(NamedTuple):
     run: Callable[[Any, Any, RunFolder, ShowShare], Mapping[str, Any]]
     # What configurations have in common that can be robots of one fleet; '' where none can.
     setting: Callable[[Any], str]
+    # How many of these are done together.
+    most_together: Callable[[Any], int]
     # Does several of one setting, each as `run` does it: it leaves the same files.
     run_together: Callable[[Sequence[Job], OnFailure], None]
 
@@ -294,6 +296,7 @@ TASKS: Mapping[str, Task] = {
         configure=_configure_training,
         run=_train,
         setting=setting_key,
+        most_together=most_together,
         run_together=_train_together,
     ),
     'transfer': Task(
@@ -307,6 +310,7 @@ TASKS: Mapping[str, Task] = {
         configure=_configure_transfer,
         run=_transfer,
         setting=lambda config: '',
+        most_together=lambda config: 1,
         run_together=_none_together,
     ),
     'evaluate': Task(
@@ -321,6 +325,7 @@ TASKS: Mapping[str, Task] = {
         configure=_configure_evaluation,
         run=_evaluate,
         setting=setting_key,
+        most_together=most_together,
         run_together=_evaluate_together,
     ),
 }

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-import math
+from collections.abc import Sequence
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spikelane.fleet.fleet import OnAdvance, Track
 from spikelane.fleet.setting import fleet_of, has_kernel
@@ -16,9 +14,6 @@ from spikelane.runs.lap.config import LapConfig
 from spikelane.runs.lap.run import DrivenLap
 from spikelane.runs.lap.trajectory import Trajectory, trajectory_from_columns
 from spikelane_sim.course import load_course
-
-#: Laps that are driven at a time: more would need more memory, and be no faster.
-MOST_LAPS = 64
 
 
 def can_drive(config: LapConfig) -> bool:
@@ -68,21 +63,14 @@ def _trajectory(config: LapConfig, track: Track) -> Trajectory:
     course, lane, places = load_course(config.simulator.course), config.lane, track.places
     steps = np.arange(len(places))
     names = [course.section_name(lane, each) for each in places['section'].tolist()]
-    rest = {name: places[name].copy() for name in places.dtype.names or () if name in _TAKEN}
-    zeros = np.zeros(len(places))
     return trajectory_from_columns(
         lane,
         track.end.reason,
         {
-            **rest,
+            **{name: places[name].copy() for name in _TAKEN},
             'stamp_ns': (steps + 1) * config.simulator.period_ns,
             'step': steps,
             'section': np.array(names, np.str_),
-            # From the heading to the heading by way of the quaternion, as a robot's state has it.
-            'orientation_x': zeros,
-            'orientation_y': zeros,
-            'orientation_z': _of_half(math.sin, places['heading_rad']),
-            'orientation_w': _of_half(math.cos, places['heading_rad']),
             'left_rad_s': track.answers[:, 0].copy(),
             'right_rad_s': track.answers[:, 1].copy(),
         },
@@ -93,6 +81,10 @@ def _trajectory(config: LapConfig, track: Track) -> Trajectory:
 _TAKEN = (
     'x_m',
     'y_m',
+    'orientation_x',
+    'orientation_y',
+    'orientation_z',
+    'orientation_w',
     'distance_m',
     'heading_error_rad',
     'position_m',
@@ -100,10 +92,3 @@ _TAKEN = (
     'laps',
     'events',
 )
-
-
-def _of_half(
-    of: Callable[[float], float], headings_rad: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the sine or cosine of half of each angle [rad], (n,)."""
-    return np.array([of(heading_rad / 2) for heading_rad in headings_rad.tolist()])

@@ -10,7 +10,8 @@ from spikelane.fleet.fleet import Fleet
 from spikelane.runs.configuration import Configuration
 from spikelane_controllers.registry import card, fleet_class
 from spikelane_sim.errors import ParameterError
-from spikelane_sim.fleet.world import check_world
+from spikelane_sim.filters.compiled import check_chain
+from spikelane_sim.fleet.world import ENGINES
 
 #: What robots of one fleet may each have of their own.
 _OWN = ('seed', 'scenario', 'course', 'lane', 'training', 'evaluation', 'given')
@@ -19,6 +20,12 @@ _OWN = ('seed', 'scenario', 'course', 'lane', 'training', 'evaluation', 'given')
 #: same bytes. It takes less than half of the 40 to 60 µs that a step takes alone, but 50 to 70 s
 #: to be compiled where it was not used yet: with fewer steps nobody should wait for that.
 LEAST_STEPS = 500_000
+
+#: Robots of a fleet: more would be no faster, and more would be lost where its process is killed.
+_MOST_ROBOTS = 64
+
+#: The same where each has a physics engine of its own, which takes about 36 MB with pybullet.
+_MOST_WITH_ENGINES = 8
 
 
 def use_kernel_always() -> None:
@@ -34,11 +41,17 @@ def has_kernel(config: Configuration) -> bool:
     if not card(config.controller).fleet:
         return False
     try:
-        check_world(config.simulator, config.filter)
+        check_chain(config.filter)
         fleet_class(config.controller).check(config.controller_parameters)
     except ParameterError:
         return False
     return True
+
+
+def most_together(config: Configuration) -> int:
+    """Return how many runs of one setting are done in one fleet."""
+    is_compiled = config.simulator.robot.engine in ENGINES
+    return _MOST_ROBOTS if is_compiled else _MOST_WITH_ENGINES
 
 
 def setting_key(config: Configuration) -> str:

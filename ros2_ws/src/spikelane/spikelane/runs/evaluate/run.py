@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from spikelane.fleet import setting as fleet_setting
 from spikelane.fleet.fleet import OnAdvance
-from spikelane.fleet.laps import can_drive, drive_fleet, MOST_LAPS
-from spikelane.fleet.setting import setting
+from spikelane.fleet.laps import can_drive, drive_fleet
+from spikelane.fleet.setting import most_together, setting
 from spikelane.interruption import check
 from spikelane.runs.evaluate.config import EvaluateConfig, LapOfEvaluation
 from spikelane.runs.evaluate.metrics import evaluation_metrics
@@ -136,8 +136,9 @@ def drive_together(evaluations: Sequence[Evaluation]) -> None:
                 key = json.dumps(setting(each.config), sort_keys=True)
                 together.setdefault(key, []).append(_Lap(each, path, number))
     for laps in together.values():
-        for first in range(0, len(laps), MOST_LAPS):
-            _drive_some(laps[first : first + MOST_LAPS], shown)
+        most = most_together(laps[0].each.config)
+        for first in range(0, len(laps), most):
+            _drive_some(laps[first : first + most], shown)
 
 
 def evaluate_together(
