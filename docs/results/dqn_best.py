@@ -20,11 +20,12 @@ from typing import Any
 from matplotlib.axes import Axes
 import numpy as np
 import pandas as pd
+from shared.tables import print_row, range_text
 
 from spikelane.statistics import mean_statistics
+from spikelane_controllers.registry import title
 from spikelane_sim.figure_style import LEFT, new_figure, PALE_INK, RIGHT, save, settings
 
-TITLES = {'dqn': 'DQN', 'dqn_snn': 'DQN-SNN'}
 #: What each seed is to reach: the largest mean error [m] by scenario, and the least agreement.
 AIMS_M = {1: 0.015, 2: 0.015, 3: 0.02}
 AIM_AGREEMENT = 0.97
@@ -86,11 +87,6 @@ def collect(folder: Path, path: Path) -> None:
     pd.DataFrame(rows).to_csv(path, index=False)
 
 
-def print_row(*cells: str) -> None:
-    """Print a row of a table."""
-    print(f'| {" | ".join(cells)} |')
-
-
 def mean_of(values: Sequence[float], form: str, unit: str, **bounds: float) -> str:
     """Return the mean with its standard deviation and 95 % interval, as text."""
     found = mean_statistics(list(values), **bounds)
@@ -111,7 +107,7 @@ def print_best(data: pd.DataFrame) -> None:
         errors_m, aim_m = rows['error_m'], AIMS_M[scenario]
         reached = (errors_m < aim_m) & rows['completed']
         print_row(
-            TITLES[controller],
+            title(controller),
             str(scenario),
             lane,
             f'{rows["completed"].sum()} of {len(rows)}',
@@ -124,7 +120,7 @@ def print_best(data: pd.DataFrame) -> None:
     print_row(*['---'] * 4)
     for (controller, scenario, lane), rows in groups:
         each = [f'{row.seed}: {row.error_m:.4f}' for row in rows.itertuples()]
-        print_row(TITLES[controller], str(scenario), lane, '; '.join(each) + ' m')
+        print_row(title(controller), str(scenario), lane, '; '.join(each) + ' m')
     print()
     print_agreements(best[(best['controller'] == 'dqn_snn') & (best['lane'] == 'outer')])
     print()
@@ -133,7 +129,7 @@ def print_best(data: pd.DataFrame) -> None:
         steps = rows['solved_by']
         print(
             f'- scenario {scenario}: {steps.notna().sum()} of {len(rows)} solved, by action step '
-            f'{steps.median():,.0f} ({steps.min():,.0f} to {steps.max():,.0f})'
+            + range_text(steps.median(), steps.min(), steps.max(), ',.0f')
         )
 
 

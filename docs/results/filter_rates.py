@@ -10,6 +10,7 @@ filters are given the same events.
 from __future__ import annotations
 
 import numpy as np
+from shared.tables import print_row, table_header
 
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.encoding import count_events, EncodingParameters
@@ -39,11 +40,9 @@ def main() -> None:
     """Count and print."""
     names = ['none', *map(name_of, FILTERS)]
     columns = [means(rate_hz) for rate_hz in RATES_HZ]
-    print('| filter | ' + ' | '.join(f'{rate_hz:g} Hz' for rate_hz in RATES_HZ) + ' |')
-    print('|---' * (1 + len(RATES_HZ)) + '|')
+    print(table_header('filter', *(f'{rate_hz:g} Hz' for rate_hz in RATES_HZ)))
     for number, name in enumerate(names):
-        cells = [f'{column[number]:.0f}' for column in columns]
-        print(f'| {name} | ' + ' | '.join(cells) + ' |')
+        print_row(name, *(f'{column[number]:.0f}' for column in columns))
 
 
 def name_of(each: tuple[int, float, int, bool]) -> str:

@@ -13,6 +13,7 @@ import sys
 from typing import Any, NamedTuple
 
 import numpy as np
+from shared.tables import print_row, table_header
 import yaml
 
 from spikelane_sim import figure_style as style
@@ -46,10 +47,9 @@ def main() -> None:
     for pixels, by_filter in curves.items():
         print(f'\n{_TITLES[pixels]}:\n')
         rates = sorted({each.rate_hz for curve in by_filter.values() for each in curve})
-        print('| filter | ' + ' | '.join(f'{rate:g} Hz' for rate in rates) + ' |')
-        print('|---' * (1 + len(rates)) + '|')
+        print(table_header('filter', *(f'{rate:g} Hz' for rate in rates)))
         for name, curve in by_filter.items():
-            print(f'| {name} | ' + ' | '.join(_cell(curve, rate) for rate in rates) + ' |')
+            print_row(name, *(_cell(curve, rate) for rate in rates))
 
 
 def curves_of(folder: Path) -> dict[str, dict[str, list[Measured]]]:

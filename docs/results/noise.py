@@ -19,22 +19,16 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 import pandas as pd
+from shared.driving import Driven, fleet_laps, LANES, LAP_SEED, single_lap
+from shared.tables import error_text, print_row, table_header
 
 from spikelane.fleet import Fleet
-from spikelane.fleet.fleet import Track
-from spikelane.loop import drive_episode
-from spikelane.statistics import mean_statistics, share_statistics
-from spikelane_controllers.registry import make_controller
-from spikelane_sim.contract import TERMINATED_LAPS_COMPLETE
+from spikelane.statistics import share_statistics
+from spikelane_controllers.registry import make_controller, title
 from spikelane_sim.figure_style import INK, LEFT, new_figure, RIGHT, save, settings, write_title
-from spikelane_sim.filters import FilterParameters
 from spikelane_sim.sensor_preset import load_preset, preset_parameters
-from spikelane_sim.simulator import Simulator
-from spikelane_sim.simulator_parameters import SimulatorParameters
 
-LANES = ('outer', 'inner')
 SEEDS = range(10)  # of trainings
-LAP_SEED = 1000  # laps have seeds that no training has
 MOST = 20  # robots at a time
 
 NOISE = {'pixels.esim.leak_rate_hz': 0.0, 'pixels.esim.shot_bright_factor': 1.0}
@@ -58,6 +52,7 @@ PERTURBATIONS: Mapping[str, Mapping[str, Any]] = {
     'noise of 0.1 Hz': {'pixels.coppelia.noise_rate_hz': 0.1},
     'drawn in each lap': {'randomisation.enabled': True, 'randomisation.noise_hz': 0.0},
 }
+VARIANTS = ('nominal', 'randomised')
 
 
 class Case(NamedTuple):
@@ -135,7 +130,7 @@ def cases() -> dict[str, Case]:
     found['dqn_snn shipped, scenario 1 1 Hz'] = Case(
         'dqn_snn', '!scenario_1', _esim(1.0), FILTER, seeds=(0, 1)
     )
-    for variant in ('nominal', 'randomised'):
+    for variant in VARIANTS:
         folder = f'train-rstdp-1-rigid-{variant}-seed{{}}'
         for name, values in PERTURBATIONS.items():
             found[f'rstdp {variant}: {name}'] = Case('rstdp', folder, values)
@@ -182,28 +177,17 @@ def drive(folder: Path, data: Path, names: Sequence[str]) -> None:
         for first in range(0, len(missing), MOST):
             laps = missing[first : first + MOST]
             found = [
-                {'case': name, **lap._asdict(), **_result(track)}
-                for lap, track in zip(laps, _driven(case, folder, laps), strict=True)
+                {'case': name, **lap._asdict(), **_result(driven)}
+                for lap, driven in zip(laps, _driven(case, folder, laps), strict=True)
             ]
             rows = pd.concat([rows, pd.DataFrame(found)]).astype({'seed': int, 'lap_seed': int})
             rows.to_csv(data, index=False, float_format='%.5f')
             print(name, sum(each['completed'] for each in found), 'of', len(found), flush=True)
 
 
-class Driven(NamedTuple):
-    """What came of a lap."""
-
-    reason: int
-    distances_m: Any  # (n,)
-
-
 def _result(driven: Driven) -> dict[str, Any]:
-    away = np.abs(driven.distances_m)
-    return {
-        'completed': driven.reason == TERMINATED_LAPS_COMPLETE,
-        'error_m': float(away.mean()),
-        'max_m': float(away.max()),
-    }
+    """Return how a lap went, and its largest error [m]."""
+    return {**driven.result(), 'max_m': float(np.abs(driven.distances_m).max())}
 
 
 def _controller(case: Case, folder: Path, seed: int) -> Any:
@@ -219,7 +203,9 @@ def _driven(case: Case, folder: Path, laps: Sequence[Lap]) -> list[Driven]:
     controllers = [_controller(case, folder, lap.seed) for lap in laps]
     if case.controller == 'dqn_snn':
         return [
-            _driven_alone(values, case, controller, lap)
+            single_lap(
+                {**values, 'course': lap.course}, controller, lap.lane, lap.lap_seed, case.filters
+            )
             for controller, lap in zip(controllers, laps, strict=True)
         ]
     with Fleet(
@@ -232,59 +218,26 @@ def _driven(case: Case, folder: Path, laps: Sequence[Lap]) -> list[Driven]:
     ) as fleet:
         for robot, controller in enumerate(controllers):
             fleet.host(robot, controller, controller.reset)
-        tracks: list[Track] = fleet.episodes([lap.lane for lap in laps])
-    return [Driven(track.end.reason, track.places['distance_m']) for track in tracks]
+        return fleet_laps(fleet, [lap.lane for lap in laps])
 
 
-def _driven_alone(values: Mapping[str, Any], case: Case, controller: Any, lap: Lap) -> Driven:
-    distances_m: list[float] = []
-    parameters = SimulatorParameters.from_mapping({**values, 'course': lap.course})
-    with Simulator(parameters) as simulator:
-        last = drive_episode(
-            simulator,
-            controller,
-            lambda observation, _: distances_m.append(
-                observation.lane.distance_m if observation.lane else 0.0
-            ),
-            lane=lap.lane,
-            seed=lap.lap_seed,
-            controller_seed=lap.lap_seed,
-            filters=FilterParameters.from_mapping(case.filters),
-        )
-    assert last.lane is not None  # a simulator knows it
-    return Driven(last.lane.reason, distances_m)
-
-
-def _counts(rows: pd.DataFrame) -> str:
-    """Return laps completed with the interval of their share, of laps and of trainings."""
-    completed = rows['completed'].astype(bool)
-    share = share_statistics(int(completed.sum()), len(rows))
+def _share(successes: pd.Series[bool]) -> str:
+    """Return how many there are, of how many, with the interval of their share."""
+    share = share_statistics(int(successes.sum()), len(successes))
     return (
         f'{share["successes"]} of {share["n"]} '
         f'({100 * share["ci_low"]:.0f} to {100 * share["ci_high"]:.0f} %)'
     )
+
+
+def _counts(rows: pd.DataFrame) -> str:
+    """Return laps completed with the interval of their share."""
+    return _share(rows['completed'].astype(bool))
 
 
 def _whole(rows: pd.DataFrame, unit: str) -> str:
     """Return of how many trainings or courses all laps are completed."""
-    whole = rows.groupby(unit)['completed'].all()
-    share = share_statistics(int(whole.sum()), len(whole))
-    return (
-        f'{share["successes"]} of {share["n"]} '
-        f'({100 * share["ci_low"]:.0f} to {100 * share["ci_high"]:.0f} %)'
-    )
-
-
-def _error(rows: pd.DataFrame, unit: str) -> str:
-    """Return the mean error of the laps completed, with its interval over trainings or courses."""
-    done = rows[rows['completed'].astype(bool)]
-    error = mean_statistics(done['error_m'].tolist(), done[unit].tolist(), low=0.0)
-    if error is None:
-        return 'none'
-    text = f'{error["mean"]:.4f}'
-    if error['ci_low'] is not None:
-        text = f'{text} ({error["ci_low"]:.4f} to {error["ci_high"]:.4f})'
-    return f'{text} m'
+    return _share(rows.groupby(unit)['completed'].all())
 
 
 def _noisy(data: pd.DataFrame) -> list[str]:
@@ -296,40 +249,34 @@ def _noisy(data: pd.DataFrame) -> list[str]:
 def _words(name: str) -> str:
     """Return the name of a case for a reader."""
     controller, *rest = name.split(' ')
-    titles = {'rstdp': 'R-STDP', 'dqn': 'DQN', 'dqn_snn': 'DQN-SNN'}
     text = ' '.join(rest).replace('random', 'random courses')
     for noise in ('1 Hz', '10 Hz', 'v2e_noisy'):
         text = text.replace(f' {noise}', f', {noise}') if text.endswith(f' {noise}') else text
-    return f'{titles[controller]}, {text}'
+    return f'{title(controller)}, {text}'
 
 
 def show(data: pd.DataFrame, path: Path) -> None:
     """Print the tables and draw the figure."""
-    print(
-        '| laps | completed (95 %) | trainings or courses with all laps completed (95 %) '
-        '| mean error (95 %) |'
-    )
-    print('|---' * 4 + '|')
+    every_lap = 'trainings or courses with all laps completed (95 %)'
+    print(table_header('laps', 'completed (95 %)', every_lap, 'mean error (95 %)'))
     for name in _noisy(data):
         rows = data[data['case'] == name]
         unit = 'course' if 'random' in name else 'seed'
         whole = (
             'the weights shipped' if 'shipped' in name and unit == 'seed' else _whole(rows, unit)
         )
-        cells = [_words(name), _counts(rows), whole, _error(rows, unit)]
-        print('| ' + ' | '.join(cells) + ' |')
+        print_row(_words(name), _counts(rows), whole, error_text(rows, unit))
     print()
-    print(
-        '| judged with | trained nominal: laps | mean error (95 %) '
-        '| trained randomised: laps | mean error (95 %) |'
-    )
-    print('|---' * 5 + '|')
+    columns = ['judged with']
+    for variant in VARIANTS:
+        columns += [f'trained {variant}: laps', 'mean error (95 %)']
+    print(table_header(*columns))
     for name in PERTURBATIONS:
         cells = [name]
-        for variant in ('nominal', 'randomised'):
+        for variant in VARIANTS:
             rows = data[data['case'] == f'rstdp {variant}: {name}']
-            cells += [_counts(rows), _error(rows, 'seed')] if len(rows) else ['', '']
-        print('| ' + ' | '.join(cells) + ' |')
+            cells += [_counts(rows), error_text(rows)] if len(rows) else ['', '']
+        print_row(*cells)
     draw(data, path)
 
 

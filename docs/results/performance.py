@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 import pandas as pd
+from shared.tables import table_header, table_row
 
 from spikelane.fleet import Fleet
 from spikelane_controllers.spiking.network import DelayParameters
@@ -221,8 +222,8 @@ UNITS = {
 
 def table(rows: pd.DataFrame) -> str:
     """Return rows as a table."""
-    columns = ('size', 'of a', 'processor time [µs]', 'range [µs]', 'wall time [µs]')
-    lines = [f'| {" | ".join(columns)} | memory [MB] |', '|---' * 6 + '|']
+    times = ('processor time [µs]', 'range [µs]', 'wall time [µs]')
+    lines = [table_header('size', 'of a', *times, 'memory [MB]')]
     for row in rows.itertuples():
         size, unit = UNITS[str(row.what)]
         is_here = row.what != 'ray'  # its work and its memory are in other processes
@@ -235,7 +236,7 @@ def table(rows: pd.DataFrame) -> str:
             number(row.wall_us),
             f'{row.memory_mb:,}' if is_here else '',
         ]
-        lines.append(f'| {" | ".join(cells)} |')
+        lines.append(table_row(*cells))
     return '\n'.join(lines)
 
 

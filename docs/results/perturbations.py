@@ -11,6 +11,7 @@ prints the table and draws the figure from the data.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 import sys
 from typing import Any
@@ -19,10 +20,11 @@ from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
 import pandas as pd
+from shared.driving import fleet_laps, host, LANES, LAP_SEED, single_lap
+from shared.parts import add_missing
+from shared.tables import error_text, print_row, range_text, table_header
 
 from spikelane.fleet import Fleet
-from spikelane.loop import drive_episode
-from spikelane.statistics import mean_statistics
 from spikelane_controllers.registry import make_controller
 from spikelane_sim.contract import TERMINATED_LAPS_COMPLETE
 from spikelane_sim.figure_style import (
@@ -35,8 +37,6 @@ from spikelane_sim.figure_style import (
     settings,
     write_title,
 )
-from spikelane_sim.simulator import Simulator
-from spikelane_sim.simulator_parameters import SimulatorParameters
 
 #: What changes, with its words.
 CHANGES = {
@@ -53,7 +53,6 @@ CHANGES = {
 #: When, after the beginning of the drive: on the first quarter of the lap.
 TIME_S = 60.0
 SEEDS = range(10)
-LANES = ('outer', 'inner')
 #: Steps that R-STDP drives with learning on, and of these the ones before the change.
 LEARNING_STEPS = 21_200
 CHANGE_STEP = 1_200
@@ -67,8 +66,6 @@ SHOWN = (
     'edge lines gone',
 )
 WHILE_LEARNING, CURVE = 'R-STDP, learning on', 'R-STDP, mean distance while it learns'
-#: Seeds of the laps differ from those of the learning.
-LAP_SEED = 1000
 
 
 def main() -> None:
@@ -79,11 +76,8 @@ def main() -> None:
     if sys.argv[1] == 'show':
         show(pd.read_csv(data), Path(sys.argv[3]))
         return
-    for name in CHANGES:
-        rows = pd.read_csv(data) if data.exists() else pd.DataFrame({'change': []})
-        if name not in set(rows['change']):
-            found = [{'change': name, **row} for row in measure(CHANGES[name])]
-            pd.concat([rows, pd.DataFrame(found)]).to_csv(data, index=False)
+    parts = {name: partial(measure, changes) for name, changes in CHANGES.items()}
+    add_missing(data, 'change', parts)
 
 
 def measure(changes: Sequence[str]) -> list[dict[str, Any]]:
@@ -112,14 +106,6 @@ def shipped_weights() -> NDArray[np.float64]:
     return np.array(controller.weights_pa)
 
 
-def host(fleet: Fleet, weights: Sequence[NDArray[np.float64]]) -> None:
-    """Give each robot's controller its weights."""
-    for robot, each in enumerate(weights):
-        controller = fleet.controller(robot)
-        controller.restore({**controller.state(), 'network.weights_pa': each})
-        fleet.load(robot)
-
-
 def laps(
     who: str,
     weights: Sequence[NDArray[np.float64]],
@@ -131,41 +117,18 @@ def laps(
     seeds = [LAP_SEED + seed for seed in SEEDS]
     with Fleet('rstdp', seeds, simulator=simulator(changes, time_s)) as fleet:
         host(fleet, weights)
-        tracks = fleet.episodes([lane] * len(seeds))
+        driven = fleet_laps(fleet, [lane] * len(seeds))
     begin = round(time_s / 0.05)
     return [
-        {
-            'who': who,
-            'seed': seed,
-            'lane': lane,
-            'completed': track.end.reason == TERMINATED_LAPS_COMPLETE,
-            'error_m': float(np.abs(track.places['distance_m'][begin:]).mean()),
-        }
-        for seed, track in zip(SEEDS, tracks, strict=True)
+        {'who': who, 'seed': seed, 'lane': lane, **each.result(begin)}
+        for seed, each in zip(SEEDS, driven, strict=True)
     ]
 
 
 def dqn_lap(lane: str, changes: Sequence[str]) -> dict[str, Any]:
     """Drive a lap with the Q-network shipped, which has no randomness of its own."""
-    distances: list[float] = []
-    with Simulator(SimulatorParameters.from_mapping(simulator(changes, TIME_S))) as driven:
-        last = drive_episode(
-            driven,
-            make_controller('dqn'),
-            lambda observation, _: distances.append(
-                observation.lane.distance_m if observation.lane else 0.0
-            ),
-            lane=lane,
-            seed=LAP_SEED,
-        )
-    assert last.lane is not None
-    return {
-        'who': 'DQN',
-        'seed': 0,
-        'lane': lane,
-        'completed': last.lane.reason == TERMINATED_LAPS_COMPLETE,
-        'error_m': float(np.abs(distances[CHANGE_STEP:]).mean()),
-    }
+    driven = single_lap(simulator(changes, TIME_S), make_controller('dqn'), lane, LAP_SEED)
+    return {'who': 'DQN', 'seed': 0, 'lane': lane, **driven.result(CHANGE_STEP)}
 
 
 def learn(changes: Sequence[str]) -> tuple[list[NDArray[np.float64]], list[dict[str, Any]]]:
@@ -210,23 +173,17 @@ def lap_cell(rows: pd.DataFrame) -> str:
     """Return laps completed and the mean error of these, with its interval over seeds."""
     done = rows[rows['completed'].astype(bool)]
     text = f'{len(done)} of {len(rows)}'
-    if done.empty:
-        return text
-    error = mean_statistics(done['error_m'].tolist(), done['seed'].tolist(), low=0.0)
-    assert error is not None  # there is a value
-    text = f'{text}, {error["mean"]:.4f}'
-    if error['ci_low'] is not None:
-        text = f'{text} ({error["ci_low"]:.4f} to {error["ci_high"]:.4f})'
-    return f'{text} m'
+    return text if done.empty else f'{text}, {error_text(done)}'
 
 
 def show(data: pd.DataFrame, path: Path) -> None:
     """Print the table and draw the figure."""
     print(
-        '| change | DQN | R-STDP, learning off | learning on: lane losses | '
-        'last loss, steps after the change | R-STDP, after learning |'
+        table_header(
+            *('change', 'DQN', 'R-STDP, learning off', 'learning on: lane losses'),
+            *('last loss, steps after the change', 'R-STDP, after learning'),
+        )
     )
-    print('|---' * 6 + '|')
     for name in [each for each in CHANGES if each in set(data['change'])]:
         of = data[data['change'] == name]
         by = {who: of[of['who'] == who] for who in of['who'].unique()}
@@ -237,12 +194,12 @@ def show(data: pd.DataFrame, path: Path) -> None:
             lap_cell(by['DQN']),
             lap_cell(by['R-STDP, learning off']),
             f'{on["losses"].mean():.1f} ({on["losses"].min():.0f} to {on["losses"].max():.0f})',
-            f'{last.median():,.0f} ({last.min():,.0f} to {last.max():,.0f})'
+            range_text(last.median(), last.min(), last.max(), ',.0f')
             if on['losses'].any()
             else 'none',
             lap_cell(by['R-STDP, after learning']),
         ]
-        print('| ' + ' | '.join(cells) + ' |')
+        print_row(*cells)
     draw(data, path)
 
 

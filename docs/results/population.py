@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 import pandas as pd
 from scipy.stats import bootstrap, CensoredData, ecdf
+from shared.driving import LANES, LAP_SEED
+from shared.tables import print_row, range_text, table_header
 
 from spikelane.fleet import Fleet
 from spikelane.fleet.training import train_fleet
@@ -48,7 +50,6 @@ CAMERAS: dict[str, dict[str, Any]] = {
     },
 }
 COLOURS = {'paper': LEFT, 'best': RIGHT}
-LAP_SEED = 1000  # laps have seeds of their own, as in rstdp.md
 
 
 def train_setting(scenario: str, camera: str, folder: Path) -> list[dict[str, Any]]:
@@ -80,7 +81,7 @@ def train_setting(scenario: str, camera: str, folder: Path) -> list[dict[str, An
         }
         for seed, training in zip(SEEDS, trainings, strict=True)
     ]
-    for lane in ('outer', 'inner'):
+    for lane in LANES:
         for row, (error_m, completed) in zip(
             rows, drive_laps(configs, trainings, lane), strict=True
         ):
@@ -124,18 +125,16 @@ def interval(values: NDArray[np.float64]) -> str:
     """Return the median with its bootstrap interval (95 %), as text of the values' unit."""
     found = bootstrap((values,), np.median, rng=np.random.default_rng(0), method='percentile')
     low, high = found.confidence_interval
-    form = '{:,.0f}' if np.median(values) > 1 else '{:.4f}'
-    shown = [form.format(value) for value in (np.median(values), low, high)]
-    return f'{shown[0]} ({shown[1]} to {shown[2]})'
+    median = float(np.median(values))
+    return range_text(median, low, high, ',.0f' if median > 1 else '.4f')
 
 
 def print_tables(data: pd.DataFrame) -> None:
     """Print a row for each scenario and camera setting."""
-    print(
-        '| scenario | camera | settled | last lane loss: median (95 %) | 10 % to 90 % '
-        '| outer laps | outer error [m] | inner laps | inner error [m] |'
-    )
-    print('|---' * 9 + '|')
+    columns = ['scenario', 'camera', 'settled', 'last lane loss: median (95 %)', '10 % to 90 %']
+    for lane in LANES:
+        columns += [f'{lane} laps', f'{lane} error [m]']
+    print(table_header(*columns))
     for (scenario, camera), rows in data.groupby(['scenario', 'camera'], sort=False):
         steps = np.where(rows['settled'], rows['last_lane_loss_step'], np.inf)
         low, high = np.quantile(steps, [0.1, 0.9], method='inverted_cdf')
@@ -146,11 +145,11 @@ def print_tables(data: pd.DataFrame) -> None:
             interval(steps),
             f'{low:,.0f} to {high:,.0f}' if np.isfinite(high) else f'{low:,.0f} to not settled',
         ]
-        for lane in ('outer', 'inner'):
+        for lane in LANES:
             done = rows[f'{lane}_completed']
             cells.append(f'{done.sum()} of {len(rows)}')
             cells.append(interval(rows.loc[done, f'{lane}_error_m'].to_numpy()))
-        print(f'| {" | ".join(cells)} |')
+        print_row(*cells)
 
 
 def draw_survival(axes: Axes, rows: pd.DataFrame, scenario: str) -> None:

@@ -20,7 +20,8 @@ from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
 import pandas as pd
-from rigid import draw_tests  # next to this script
+from shared.equivalence import draw_tests, equivalence_cells, EQUIVALENCE_COLUMNS
+from shared.tables import print_row, range_text
 
 from spikelane.statistics import equivalence_statistics
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -117,31 +118,19 @@ def curve_of(facts: Any) -> NDArray[np.float64]:
     return np.diff(np.interp(ends, [0, *actions], [0, *rewards])) / WINDOW
 
 
-def print_row(*cells: str) -> None:
-    """Print a row of a table."""
-    print(f'| {" | ".join(cells)} |')
-
-
 def compare(learnt: dict[str, list[Learnt]]) -> list[tuple[str, dict[str, Any]]]:
     """Print and return the tests of equivalence."""
     tests = []
-    print_row('quantity', *TITLES.values(), 'ratio (90 %)', 'margin', 'p', 'equivalent')
+    print_row('quantity', *TITLES.values(), *EQUIVALENCE_COLUMNS)
     print_row(*['---'] * 7)
     for name, _, value, margin, form in QUANTITIES:
         pairs = np.array([[value(each) for each in learnt[backend]] for backend in BACKENDS])
         found = equivalence_statistics(np.log(pairs[1] / pairs[0]).tolist(), math.log(margin))
         tests.append((name, found))
-        ratio, low, high = (math.exp(found[key]) for key in ('mean', 'ci_low', 'ci_high'))
         print_row(
             name,
-            *(
-                f'{each.mean():{form}} ({each.min():{form}} to {each.max():{form}})'
-                for each in pairs
-            ),
-            f'{ratio:.3f} ({low:.3f} to {high:.3f})',
-            f'{1 / margin:.3f} to {margin:.3f}',
-            f'{found["p"]:.1e}',
-            'yes' if found['is_equivalent'] else 'not shown',
+            *(range_text(each.mean(), each.min(), each.max(), form) for each in pairs),
+            *equivalence_cells(found, margin, '.3f'),
         )
     return tests
 

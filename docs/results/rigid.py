@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 from matplotlib.axes import Axes
 import numpy as np
 from numpy.typing import NDArray
+from shared.equivalence import draw_tests, equivalence_cells, EQUIVALENCE_COLUMNS
+from shared.tables import print_row
 
 from spikelane.statistics import equivalence_statistics, unit_means
 from spikelane_controllers.checkpoint import read_checkpoint
@@ -26,7 +28,6 @@ from spikelane_controllers.learning.settling import has_settled, last_lane_loss_
 from spikelane_controllers.learning.training import Termination
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.figure_style import (
-    INK,
     LEFT,
     new_figure,
     PALE_INK,
@@ -57,11 +58,6 @@ LEARNT = {
 }
 
 Commands = Callable[[np.random.Generator, float], NDArray[np.float64]]
-
-
-def print_row(*cells: str) -> None:
-    """Print a row of a table."""
-    print(f'| {" | ".join(cells)} |')
 
 
 # ------------------------------------------------------------------------------ given commands
@@ -242,13 +238,9 @@ def print_equivalence(quantity: str, pairs: list[Pair]) -> list[tuple[str, dict[
         means = (
             f'{np.mean([getattr(pair, engine) for pair in chosen]):,.4g}' for engine in ENGINES
         )
-        ends = [math.exp(found[key]) for key in ('mean', 'ci_low', 'ci_high')]
         print_row(
             *(quantity, group, str(found['n']), *means),
-            f'{ends[0]:.4f} ({ends[1]:.4f} to {ends[2]:.4f})',
-            f'{1 / margin:.3f} to {margin:.3f}',
-            f'{found["p"]:.1e}',
-            'yes' if found['is_equivalent'] else 'not shown',
+            *equivalence_cells(found, margin, '.4f'),
         )
         results.append((f'{quantity}: {group}', found))
     return results
@@ -318,19 +310,6 @@ def _draw_losses(axes: Axes, losses: list[Pair]) -> None:
     axes.legend(fontsize=6, frameon=False, loc='upper right')
 
 
-def draw_tests(axes: Axes, tests: list[tuple[str, dict[str, Any]]], ratio: str) -> None:
-    """Draw tests of equivalence by name; `ratio` says of what to what."""
-    for row, (_, found) in enumerate(reversed(tests)):
-        margin = found['margin']
-        ends = [found['ci_low'] / margin, found['ci_high'] / margin]
-        axes.plot(ends, [row, row], color=INK, linewidth=2)
-        axes.plot(found['mean'] / margin, row, 'o', color=INK, markersize=4)
-    axes.axvspan(-1, 1, color=RIGHT, alpha=0.12, linewidth=0)
-    axes.axvline(0, color=PALE_INK, linewidth=0.8)
-    axes.set_yticks(range(len(tests)), [name for name, _ in reversed(tests)], fontsize=7)
-    axes.set_xlabel(f'log ratio, {ratio}, as a part of its margin; 90 % intervals')
-
-
 def main() -> None:
     """Print the tables and draw the figure."""
     if len(sys.argv) != 3:
@@ -343,10 +322,7 @@ def main() -> None:
         'mean error of a lap': lap_pairs(folder, 'mean_abs_distance_m'),
         'last lane loss': learning_pairs(folder),
     }
-    print_row(
-        *('quantity', 'of', 'units', 'pybullet', 'rigid', 'ratio (90 %)', 'margin', 'p'),
-        'equivalent',
-    )
+    print_row('quantity', 'of', 'units', 'pybullet', 'rigid', *EQUIVALENCE_COLUMNS)
     print_row(*['---'] * 9)
     tests = [
         row for name, found in pairs.items() if found for row in print_equivalence(name, found)

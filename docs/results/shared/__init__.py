@@ -1,0 +1,1 @@
+"""What several scripts of results share; each is run as docs/results/NAME.py."""
