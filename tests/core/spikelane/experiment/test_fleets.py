@@ -184,6 +184,7 @@ class _Engine:
 
     def __init__(self) -> None:
         self.started: list[int] = []
+        self.first: list[tuple[str, int]] = []  # the first run of each process, and how many
         self._runs: list[dict[str, Path]] = []
 
     @property
@@ -192,6 +193,7 @@ class _Engine:
 
     def start(self, runs: dict[str, Path]) -> None:
         self.started.append(len(runs))
+        self.first.append((next(iter(runs)), len(runs)))
         self._runs.append(dict(runs))
 
     def ended(self) -> Any:
@@ -235,6 +237,35 @@ matrix:
     runner.run(engine, lambda status: None)
     assert engine.started == expected
     assert {status.state for status in runner.statuses.values()} == {RunStatus.DONE}
+
+
+@pytest.mark.parametrize(
+    ('settings', 'seeds', 'expected'),
+    [
+        (2, 6, [('a', 3), ('b', 3), ('a', 2), ('b', 2), ('a', 1), ('b', 1)]),
+        (12, 3, [(name, 3) for name in 'abcdefgh']),
+    ],
+)
+def test_few_settings_are_divided_and_many_are_not(
+    settings: int, seeds: int, expected: list[tuple[str, int]], tmp_path: Path
+) -> None:
+    """Two processes begin with two settings, so that each compiles a kernel of its own."""
+    names = 'abcdefghijkl'[:settings]
+    variants = ', '.join(f'{name}: {{rstdp.c_r: 0.0{ord(name)}}}' for name in names)
+    text = f"""
+name: some
+matrix:
+  controllers: [rstdp]
+  robots: [kinematic]
+  seeds: {seeds}
+  variants: {{{variants}}}
+  tasks: {{train: {{steps: 100}}}}
+"""
+    plan = make_plan(read_experiment(experiment_in(tmp_path, text)))
+    engine = _Engine()
+    Runner(plan, tmp_path, 0).run(engine, lambda status: None)
+    begun = [(name.split('-')[4], number) for name, number in engine.first]
+    assert begun[: len(expected)] == expected
 
 
 def test_what_the_kernel_lacks_is_done_alone(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ begun again alone, since another may be the cause. The folder of an experiment:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import dataclasses
 from datetime import datetime, timezone
 from enum import Enum
@@ -34,6 +35,7 @@ LOG_FILE = 'log.jsonl'
 
 _POLL_S = 0.05
 _LEAST = 4  # runs of one setting that are worth another process while others are at work
+_PARTS = 4  # that each process has to do at least, so that all end at about the same time
 _PROGRESS_S = 0.5
 
 
@@ -188,13 +190,19 @@ class Runner:
     def _start_ready(self, engine: Engine, show: Callable[[Status | None], None]) -> None:
         """Begin what can be begun, divided among all processes that there may be."""
         ready = list(self._ready()) if engine.busy < engine.slots else []
-        share = max(math.ceil(len(ready) / engine.slots), _LEAST if engine.busy else 1)
+        most = _shares(ready, engine)
         while ready and engine.busy < engine.slots:
-            group = _group(ready, share if engine.does_together else 1)
+            group = _group(ready, self._at_work, most)
             self._start(group, engine)
             ready = [each for each in ready if each.state is RunStatus.WAITING]
             for status in group:
                 show(status)
+
+    @property
+    def _at_work(self) -> set[str]:
+        """The settings of the runs at work."""
+        states = self.statuses.values()
+        return {each.run.setting for each in states if each.state is RunStatus.RUNNING}
 
     def _ready(self) -> Iterator[Status]:
         """Yield the runs that can be begun; those that never can are marked."""
@@ -276,13 +284,38 @@ class Runner:
         log_event(self._root, event, **run, **facts)
 
 
-def _group(ready: Sequence[Status], most: int) -> Sequence[Status]:
-    """Return the next runs to be done in one process: the first one, and others of its setting."""
-    first, *_ = ready
-    if not first.run.setting or first.attempts:
+def _shares(ready: Sequence[Status], engine: Engine) -> dict[str, int]:
+    """Return how many runs of each setting a process is given at most.
+
+    Of few settings each is divided among the processes, or one process would be at work for long
+    with what takes longest while others have nothing to do. Of many settings none is, until few
+    are left.
+    """
+    numbers = Counter(each.run.setting for each in ready)
+    units = len(numbers) if '' not in numbers else len(numbers) - 1 + numbers['']
+    parts = min(engine.slots, max(_PARTS * engine.slots // max(units, 1), 1))
+    least = _LEAST if engine.busy else 1
+    return {
+        setting: max(math.ceil(number / parts), least) if engine.does_together and setting else 1
+        for setting, number in numbers.items()
+    }
+
+
+def _group(
+    ready: Sequence[Status], at_work: Collection[str], most: Mapping[str, int]
+) -> Sequence[Status]:
+    """Return the next runs to be done in one process: one, and others of its setting.
+
+    It is the first one whose setting is not at work: its kernel may be being compiled elsewhere,
+    and is there when it is this one's turn. Where there is none it is the first one of all.
+    """
+    others = (each for each in ready if not each.run.setting or each.run.setting not in at_work)
+    first = next(others, ready[0])
+    setting = first.run.setting
+    if not setting or first.attempts:
         return [first]
-    alike = [each for each in ready if each.run.setting == first.run.setting and not each.attempts]
-    return alike[: min(most, first.run.most_together)]
+    alike = [each for each in ready if each.run.setting == setting and not each.attempts]
+    return alike[: min(most[setting], first.run.most_together)]
 
 
 def log_event(root: Path, event: str, **facts: Any) -> None:
