@@ -135,7 +135,7 @@ def _draw(scan, first, last, spans, plane):  # type: ignore[no-untyped-def]
             end[row] = min(end[row], slope * (row + 0.5) + intercept)
     if scan.squared[1] == 0.0:
         for row in range(first, last):
-            _fill(plane[row], begin[row], end[row])
+            _fill(plane, row, begin[row], end[row])
         return
     for row in range(first, last):
         if not begin[row] < end[row]:
@@ -143,12 +143,12 @@ def _draw(scan, first, last, spans, plane):  # type: ignore[no-untyped-def]
         low, high = raster.within_circle(scan, row + 0.5, scan.squared[1])
         left, right = max(begin[row], low), min(end[row], high)
         low, high = raster.within_circle(scan, row + 0.5, scan.squared[0])
-        _fill(plane[row], left, min(right, low))
-        _fill(plane[row], max(left, high, low), right)
+        _fill(plane, row, left, min(right, low))
+        _fill(plane, row, max(left, high, low), right)
 
 
 @inner(error_model='numpy')
-def _fill(words, begin, end):  # type: ignore[no-untyped-def]
+def _fill(plane, row, begin, end):  # type: ignore[no-untyped-def]
     """Set the bits of the pixels whose centres lie from begin to end [px]."""
     if not begin < end:
         return
@@ -159,12 +159,12 @@ def _fill(words, begin, end):  # type: ignore[no-untyped-def]
     from_first = _ALL << np.uint64(first % _BITS)
     to_last = _ALL >> np.uint64(_BITS - 1 - (last - 1) % _BITS)
     if left == right:
-        words[left] |= from_first & to_last
+        plane[row, left] |= from_first & to_last
         return
-    words[left] |= from_first
+    plane[row, left] |= from_first
     for word in range(left + 1, right):
-        words[word] = _ALL
-    words[right] |= to_last
+        plane[row, word] = _ALL
+    plane[row, right] |= to_last
 
 
 @numba.njit(cache=True)

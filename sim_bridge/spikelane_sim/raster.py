@@ -272,13 +272,13 @@ def _draw(
             if not begin < end:
                 continue
             if scan.squared[1] == 0.0:
-                _fill(image[row], begin, end, n_rows, inside, outside)
+                _fill(image, row, begin, end, n_rows, inside, outside)
                 continue
             low, high = within_circle(scan, v, scan.squared[1])
             begin, end = max(begin, low), min(end, high)
             low, high = within_circle(scan, v, scan.squared[0])
-            _fill(image[row], begin, min(end, low), n_rows, inside, outside)
-            _fill(image[row], max(begin, high, low), end, n_rows, inside, outside)
+            _fill(image, row, begin, min(end, low), n_rows, inside, outside)
+            _fill(image, row, max(begin, high, low), end, n_rows, inside, outside)
 
 
 @inner(error_model='numpy')
@@ -317,25 +317,25 @@ def within_circle(scan: Scan, v: float, squared: float) -> tuple[float, float]:
 
 @inner(error_model='numpy')
 def _fill(
-    row: Image, begin: float, end: float, n_rows: int, inside: float, outside: float
+    image: Image, row: int, begin: float, end: float, n_rows: int, inside: float, outside: float
 ) -> None:
     """Paint from begin to end [px]: centres of pixels, or by the length covered."""
     if not begin < end:
         return
     if n_rows == 1:
         for i in range(math.ceil(begin - 0.5), math.ceil(end - 0.5)):
-            row[i] = inside
+            image[row, i] = inside
         return
     weight = (inside - outside) / n_rows
     first, last = int(begin), int(end)
     if first == last:
-        row[first] += weight * (end - begin)
+        image[row, first] += weight * (end - begin)
         return
-    row[first] += weight * (first + 1 - begin)
+    image[row, first] += weight * (first + 1 - begin)
     for i in range(first + 1, last):
-        row[i] += weight
-    if last < row.shape[0]:
-        row[last] += weight * (end - last)
+        image[row, i] += weight
+    if last < image.shape[1]:
+        image[row, last] += weight * (end - last)
 
 
 @inner(error_model='numpy')
