@@ -47,7 +47,7 @@ SPEEDS_M_S = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 #: What R-STDP is trained for [s]: as long as 15,000 steps of 50 ms.
 TRAINING_S = 750.0
 #: The racer's training: the reward, and for how long [s].
-RACER_TRAINING = ((0.2, 300.0), (0.05, 200.0), (0.01, 200.0))
+RACER_TRAINING = ((0.025, 300.0), (0.01, 300.0), (0.0025, 200.0))
 #: How fractions are written to the data.
 DIGITS = '%.6g'
 
@@ -60,7 +60,9 @@ def main() -> None:
     if sys.argv[1] == 'show':
         show(pd.read_csv(data), Path(sys.argv[3]))
     elif sys.argv[1] == 'collect':
-        put_part(data, 'part', 'networks', collect(Path(sys.argv[3])), DIGITS)
+        for scenario in SCENARIOS:
+            if rows := collect(Path(sys.argv[3]), scenario):
+                put_part(data, 'part', f'networks {scenario}', rows, DIGITS)
     else:
         named = sys.argv[3:]
         chosen = {name: part for name, part in parts().items() if not named or name in named}
@@ -92,7 +94,7 @@ def goal() -> Rows:
 def racer() -> Rows:
     """Train R-STDP on the racer in scenario 1, and drive with both engines."""
     rows = []
-    setting = Setting('rstdp', TRAINED, 4.5, 10, robot=RACER_URDF)
+    setting = Setting('rstdp', TRAINED, 4.42, 10, robot=RACER_URDF)
     weights, losses = None, [0] * len(MANY)
     for c_r, seconds in RACER_TRAINING:
         weights, more = train(setting, 1, MANY, c_r=c_r, seconds=seconds, begin=weights)
@@ -207,8 +209,7 @@ def drive(
         weights: Of R-STDP, for each seed; none for the shipped ones.
         losses: Lane losses of the training, for each seed.
     """
-    in_fleet = setting.engine == 'rigid' and setting.controller != 'dqn_snn'
-    one = _fleet_laps if in_fleet else _single_laps
+    one = _single_laps if setting.controller == 'dqn_snn' else _fleet_laps
     # A Q-network has no randomness of its own.
     used = seeds[:1] if setting.controller == 'dqn' else seeds
     rows = []
@@ -261,14 +262,13 @@ def _speed_m_s(driven: Driven, period_ms: int) -> float:
     return driven.end.progress_m / seconds
 
 
-def collect(runs: Path) -> Rows:
+def collect(runs: Path, scenario: int) -> Rows:
     """Drive with the networks that experiments/speed.yaml has trained, a lap of each lane."""
     rows = []
     for kind, controller in (('train', 'dqn'), ('transfer', 'dqn_snn')):
-        for folder in sorted(runs.glob(f'{kind}-{controller}-*')):
+        for folder in sorted(runs.glob(f'{kind}-{controller}-{scenario}-*')):
             if not (folder / 'metrics.json').exists():
                 continue  # it is not over
-            scenario = int(folder.name.split('-')[2])
             seed = int(folder.name.rsplit('seed', 1)[1])
             setting = Setting(controller, str(folder), 9 * WHEEL_M, 50)
             for row in drive(setting, scenario, (seed,)):

@@ -32,7 +32,7 @@ def show(data: pd.DataFrame, path: Path) -> None:
     data = data.assign(completed=data['completed'].astype(bool))
     columns = ('controller', 'engine', 'scenario', 'lane', 'laps', 'mean speed', 'mean error')
     print(table_header(*columns))
-    for part in ('goal', 'racer', 'networks'):
+    for part in ('goal', 'networks 1', 'networks 2', 'networks 3', 'racer'):
         of = data[data['part'] == part]
         for _, laps in of.groupby(['controller', 'engine', 'scenario', 'lane'], sort=False):
             print_row(*goal_cells(laps))

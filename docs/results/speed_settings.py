@@ -10,22 +10,18 @@ WHEEL_M = 0.0975
 STRAIGHT_RAD_S = {'rstdp': 1.5, 'braitenberg': 1.5, 'dqn': 1.0, 'dqn_snn': 1.0}
 SHIPPED, TRAINED = 'shipped', 'trained at this speed'
 P3DX = 'p3dx'
-#: The networks of experiments/speed.yaml.
-FAST_NETWORKS: dict[str, dict[str, Any]] = {
-    'dqn': {'image.frames': 1, 'task.steps_per_action': 1, 'averaged': True},
-    'dqn_snn': {'encoding.frames': 1, 'trace_decay': 0.3},
-}
 #: A robot with a racing car's speed, its tyres and how hard it turns.
 RACER_URDF = 'docs/examples/robot/racer.urdf'
 RACER = {'robot.pybullet.wheel_friction': 1.5, 'robot.max_sideways_m_s2': 10.5}
 RACER_WHEEL_M = 0.0508
-#: Its steering, with time constants of learning that are shorter as it is faster.
+#: Its steering, which follows the neurons faster, with a reward that acts for a shorter time.
 RACER_STEERING = {
-    'steering.v_max': 4.5 / RACER_WHEEL_M,
-    'steering.v_min': 4.2 / RACER_WHEEL_M,
-    'steering.turn': 0.8 / RACER_WHEEL_M,
+    'steering.n_max': 8,
+    'steering.v_max': 4.42 / RACER_WHEEL_M,
+    'steering.v_min': 4.36 / RACER_WHEEL_M,
+    'steering.turn': 0.35 / RACER_WHEEL_M,
     'poisson.max_events': 30,
-    'synapse.tau_c_ms': 50.0,
+    'synapse.tau_c_ms': 100.0,
     'synapse.tau_n_ms': 20.0,
 }
 
@@ -63,10 +59,18 @@ class Setting(NamedTuple):
             shipped = {'checkpoint': f'scenario_{scenario}'}
             return found | ({} if self.controller == 'braitenberg' else shipped)
         if self.weights != TRAINED:
-            return found | FAST_NETWORKS[self.controller] | {'checkpoint': self.weights}
+            return found | fast_network(self.controller, scenario) | {'checkpoint': self.weights}
         if self.robot != P3DX:
             return found | RACER_STEERING
         return found | fast_steering(self.asked_m_s)
+
+
+def fast_network(controller: str, scenario: int) -> dict[str, Any]:
+    """Return the parameters of a network of experiments/speed.yaml."""
+    frames = 2 if scenario == 3 else 1  # of 50 ms
+    if controller == 'dqn':
+        return {'image.frames': frames, 'task.steps_per_action': 1, 'averaged': True}
+    return {'encoding.frames': frames, 'trace_decay': 0.3}
 
 
 def fast_steering(asked_m_s: float) -> dict[str, float]:
