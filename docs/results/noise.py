@@ -128,8 +128,26 @@ def cases() -> dict[str, Case]:
     found['dqn scenario 1 1 Hz'] = Case(
         'dqn', q_network, _esim(1.0), FILTER, parameters={'averaged': True}
     )
+    found['dqn trained with noise, scenario 1 1 Hz'] = Case(
+        'dqn',
+        'train-dqn-1-rigid-esim-smooth-filtered-seed{}',
+        _esim(1.0),
+        FILTER,
+        parameters={'averaged': True},
+        seeds=range(5),
+        laps=LAPS,
+    )
     found['dqn_snn shipped, scenario 1 1 Hz'] = Case(
         'dqn_snn', '!scenario_1', _esim(1.0), FILTER, seeds=(0, 1)
+    )
+    found['dqn_snn trained with noise, scenario 1 1 Hz'] = Case(
+        'dqn_snn',
+        'transfer-dqn_snn-1-rigid-esim-smooth-filtered-seed{}',
+        _esim(1.0),
+        FILTER,
+        parameters={'encoding.frames': 10},
+        seeds=range(5),
+        laps=LAPS,
     )
     for variant in VARIANTS:
         folder = f'train-rstdp-1-rigid-{variant}-seed{{}}'
@@ -306,7 +324,12 @@ def _draw_shares(axes: Axes, data: pd.DataFrame) -> None:
             text, (min(low, 94.0), place), ha='right', va='center', fontsize=7, color=INK
         )
     axes.axvline(95, color=RIGHT, linewidth=0.8)
-    words = [_words(name).replace(' shipped, random courses', ' random') for name in names]
+    words = [
+        _words(name)
+        .replace(' shipped, random courses', ' random')
+        .replace('trained with noise, scenario 1', 'noisy training')
+        for name in names
+    ]
     axes.set_yticks(range(len(words)), words, fontsize=8)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(0, 102)
