@@ -81,7 +81,7 @@ def single_lap(
         simulator: Parameters of the simulator, under dotted names.
         controller: Who drives.
         lane: Name of the lane.
-        seed: Of the simulator and of the controller.
+        seed: Seed of the simulator and of the controller.
         filters: Parameters of the filters of events, under dotted names; none for no filter.
     """
     distances_m: list[float] = []

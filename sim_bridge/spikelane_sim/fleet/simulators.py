@@ -93,7 +93,7 @@ class SimulatorFleet:
 
         Raises:
             SpikelaneError: A fleet cannot simulate this, or the numbers of robots and courses
-                differ, or too many robots for an engine.
+                differ, or an engine has no room for so many robots.
         """
         if n_robots < 1:
             raise SpikelaneError(f'n_robots: expected at least 1, got {n_robots}')

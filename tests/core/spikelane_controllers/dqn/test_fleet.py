@@ -105,13 +105,8 @@ def test_trainings_in_a_fleet_leave_the_same_bytes(
     assert reasons == {'lane_lost', 'step_limit'}
 
 
-@pytest.mark.parametrize('goes_on_alone', [True, False])
-def test_an_interrupted_fleet_resumes_in_the_middle_of_an_episode(
-    tmp_path: Path, alone: dict[Path, tuple[TrainConfig, DqnTraining]], goes_on_alone: bool
-) -> None:
-    """In the kernel or without it."""
-    its_folder, (config, its_own) = next(iter(alone.items()))
-    folder = tmp_path / 'fleet'
+def interrupt_in_a_fleet(config: TrainConfig, folder: Path) -> None:
+    """Train until action 60."""
     training = begin(config, folder)
 
     def stop(robot: int, progress_m: float) -> None:
@@ -121,6 +116,16 @@ def test_an_interrupted_fleet_resumes_in_the_middle_of_an_episode(
 
     with pytest.raises(Interrupted):
         train_fleet([config], [training], stop)
+
+
+@pytest.mark.parametrize('goes_on_alone', [True, False])
+def test_an_interrupted_fleet_resumes_in_the_middle_of_an_episode(
+    tmp_path: Path, alone: dict[Path, tuple[TrainConfig, DqnTraining]], goes_on_alone: bool
+) -> None:
+    """In the kernel or without it."""
+    its_folder, (config, its_own) = next(iter(alone.items()))
+    folder = tmp_path / 'fleet'
+    interrupt_in_a_fleet(config, folder)
     if goes_on_alone:
         resumed = train_alone(config, folder, resume=True)
     else:
@@ -135,15 +140,7 @@ def test_the_robot_may_be_moved_by_an_engine_that_is_not_compiled(tmp_path: Path
     config = make_config(3, **{'simulator.robot.engine': 'pybullet'})
     its_folder, folder = tmp_path / 'alone', tmp_path / 'fleet'
     its_own = train_alone(config, its_folder)
-    training = begin(config, folder)
-
-    def stop(robot: int, progress_m: float) -> None:
-        del robot, progress_m
-        if training.steps >= 60:
-            raise Interrupted(2)
-
-    with pytest.raises(Interrupted):
-        train_fleet([config], [training], stop)
+    interrupt_in_a_fleet(config, folder)
     resumed = begin(config, folder, resume=True)
     train_fleet([config], [resumed], lambda *_: None)
     assert_same(folder, resumed, its_folder, its_own)

@@ -35,7 +35,7 @@ LOG_FILE = 'log.jsonl'
 
 _POLL_S = 0.05
 _LEAST = 4  # runs of one setting that are worth another process while others are at work
-_PARTS = 4  # that each process has to do at least, so that all end at about the same time
+_PARTS = 4  # groups of runs for each process, so that all processes end at about the same time
 _PROGRESS_S = 0.5
 
 
@@ -287,12 +287,13 @@ class Runner:
 def _shares(ready: Sequence[Status], engine: Engine) -> dict[str, int]:
     """Return how many runs of each setting a process is given at most.
 
-    Of few settings each is divided among the processes, or one process would be at work for long
-    with what takes longest while others have nothing to do. Of many settings none is, until few
-    are left.
+    If there are few settings, the runs of each are divided among the processes. Otherwise one
+    process could be given all the long runs while the others have nothing to do. If there are
+    many settings, a process does all runs of one, until few settings are left.
     """
     numbers = Counter(each.run.setting for each in ready)
-    units = len(numbers) if '' not in numbers else len(numbers) - 1 + numbers['']
+    # A run without a setting is done alone.
+    units = sum(1 if setting else number for setting, number in numbers.items())
     parts = min(engine.slots, max(_PARTS * engine.slots // max(units, 1), 1))
     least = _LEAST if engine.busy else 1
     return {
@@ -306,8 +307,8 @@ def _group(
 ) -> Sequence[Status]:
     """Return the next runs to be done in one process: one, and others of its setting.
 
-    It is the first one whose setting is not at work: its kernel may be being compiled elsewhere,
-    and is there when it is this one's turn. Where there is none it is the first one of all.
+    The first run is taken whose setting is not at work in another process, since that process
+    may still be compiling the kernel. If there is no such run, the first one of all is taken.
     """
     others = (each for each in ready if not each.run.setting or each.run.setting not in at_work)
     first = next(others, ready[0])
