@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import functools
 from typing import Any
 
 import numba
@@ -23,3 +24,19 @@ def inner(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     return numba.njit(
         function, cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options
     )
+
+
+@inner
+def copy(source, to):  # type: ignore[no-untyped-def]
+    """Copy a row into another one of the same length, which is not checked.
+
+    An assignment, `to[:] = source`, also compiles the text of its error for rows of different
+    lengths, which takes a second.
+    """
+    for k in range(len(to)):
+        to[k] = source[k]
+
+
+#: As `inner`, but the function becomes a part of its callers before these are compiled. It is for
+#: functions with one caller: the compiler optimises a function again in each one around it.
+inlined = functools.partial(inner, inline='always')

@@ -17,7 +17,7 @@ from spikelane_controllers.dqn.parameters import Exploration, exploration_rate
 from spikelane_controllers.dqn.q_network import values_of
 from spikelane_controllers.dqn.update_kernel import layers, Learnt, Rates, Shape, update
 from spikelane_controllers.fleet_kernel import write_down
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import inlined
 from spikelane_sim.contract import TERMINATED_LANE_LOST
 from spikelane_sim.encoding import count_cells
 from spikelane_sim.episode_rules import REASONS
@@ -172,7 +172,7 @@ def repeat(  # type: ignore[no-untyped-def]
         count_cells(events, len(events), setting.crop_top, setting.cell, seen[i])
 
 
-@inner
+@inlined
 def _observe(setting, agent, own, seen, rng, known):  # type: ignore[no-untyped-def]
     """Take in an observation; see `Dqn.step`."""
     own.held += 1
@@ -184,7 +184,7 @@ def _observe(setting, agent, own, seen, rng, known):  # type: ignore[no-untyped-
             _end_action(setting, agent, own, rng, known)
 
 
-@inner
+@inlined
 def _answer(setting, agent, own, ended, rng, known):  # type: ignore[no-untyped-def]
     """Choose what to do after an observation; see `Dqn.step`."""
     own.last_active = -1
@@ -197,7 +197,7 @@ def _answer(setting, agent, own, ended, rng, known):  # type: ignore[no-untyped-
         own.action = _choose(setting, agent, own, rng)
 
 
-@inner
+@inlined
 def _choose(setting, agent, own, rng):  # type: ignore[no-untyped-def]
     """Return an action; see `QLearning.act`."""
     if agent.is_learning and rng.random() < exploration_rate(setting.exploration, own.steps):
@@ -206,7 +206,7 @@ def _choose(setting, agent, own, rng):  # type: ignore[no-untyped-def]
     return np.int64(np.argmax(values_of(network, agent.state.reshape(1, -1))[0]))
 
 
-@inner
+@inlined
 def _end_action(setting, agent, own, rng, known):  # type: ignore[no-untyped-def]
     """Observe what the action led to, and learn from it."""
     before = agent.state.copy()
@@ -224,7 +224,7 @@ def _end_action(setting, agent, own, rng, known):  # type: ignore[no-untyped-def
         _learn(setting, agent, own, before, rng, known.reason == _LANE_LOST)
 
 
-@inner
+@inlined
 def _learn(setting, agent, own, before, rng, is_final):  # type: ignore[no-untyped-def]
     """Take in a transition, and update when it is time; see `QLearning.learn`."""
     put(agent.transitions, own.steps, before, own.action, own.reward, agent.state, is_final)
@@ -242,7 +242,7 @@ def _learn(setting, agent, own, before, rng, is_final):  # type: ignore[no-untyp
         own.updates += 1
 
 
-@inner
+@inlined
 def _write_down_action(own, seen, ended):  # type: ignore[no-untyped-def]
     n = own.n_ended
     ended.rewards[n], ended.updates[n], ended.losses[n] = own.reward, own.updates, own.loss

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.operations import Operations
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import copy, inner
 from spikelane_sim.parameters import parameter, Parameters
 
 Array = NDArray[np.float32]
@@ -183,7 +183,9 @@ def forward(network, active, number):  # type: ignore[no-untyped-def]
     ones = np.ones(len(weights_1), np.float32)
     chosen = np.empty(max(first.shape[1], second.shape[1]) + 1, np.int32)
     for n in range(len(number)):
-        first[n], second[n], values[n] = biases_1, biases_2, biases_3
+        copy(biases_1, first[n])
+        copy(biases_2, second[n])
+        copy(biases_3, values[n])
         add_rows(first[n], ones, weights_1, active[n], number[n])
         _rectify(first[n])
         add_nonzero(second[n], first[n], weights_2, chosen)

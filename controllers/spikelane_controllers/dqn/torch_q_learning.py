@@ -16,6 +16,7 @@ import torch
 from spikelane_controllers.dqn.experience_buffer import Batch
 from spikelane_controllers.dqn.q_learning import Flat, QLearning
 from spikelane_controllers.dqn.q_network import network_views, QNetwork
+from spikelane_controllers.learning.adam import Adam
 from spikelane_sim.errors import ParameterError
 
 
@@ -33,12 +34,12 @@ class TorchQLearning(QLearning):
             raise ParameterError('q_learning.device: expected cpu, as there is no CUDA, got cuda')
         torch.set_num_threads(1)
         self._weights = torch.zeros(self._n_weights, device=parameters.device)
-        self._weights.grad = torch.zeros_like(self._weights)
+        self._gradient = torch.zeros_like(self._weights)
         self._target = torch.zeros_like(self._weights)
         self._layers = self._to_layers(self._weights)
-        self._gradients = self._to_layers(self._weights.grad)
+        self._gradients = self._to_layers(self._gradient)
         self._target_layers = self._to_layers(self._target)
-        self._adam = torch.optim.Adam([self._weights], parameters.learning_rate, fused=True)
+        self._adam = Adam([self._weights])
         # Filled in place: where a tensor begins in memory may change the last bits.
         self._batch = _Batch.empty(parameters.batch_size, len(network.weights_1))
         weights = np.concatenate([part.ravel() for part in network])
@@ -56,7 +57,7 @@ class TorchQLearning(QLearning):
             aims = batch.rewards + self._parameters.discount * worth * batch.goes_on
             errors = outputs[-1][:size].gather(1, batch.actions) - aims
             self._set_gradients([batch.states, *outputs], batch.actions, errors)
-            self._adam.step()
+            self._adam.step([self._gradient], self._parameters.learning_rate)
             self._target.lerp_(self._weights, self._parameters.soft_update)
         torch.set_flush_denormal(False)
         self._show()
@@ -88,20 +89,18 @@ class TorchQLearning(QLearning):
                 slopes = torch.mm(slopes, weights.t()).mul_(inputs[:size] > 0)
 
     def _arrays(self) -> tuple[Flat, Flat, Flat, Flat]:
-        adam = self._adam.state[self._weights]
-        tensors = self._weights.detach(), self._target, adam['exp_avg'], adam['exp_avg_sq']
-        weights, target, mean, square = (each.cpu().numpy() for each in tensors)
-        return weights, target, mean, square
+        (mean,), (square,) = self._adam.means, self._adam.squares
+        tensors = self._weights, self._target, mean, square
+        weights, target, *moments = (each.cpu().numpy() for each in tensors)
+        return weights, target, moments[0], moments[1]
 
     def _set(self, weights: Flat, target: Flat, mean: Flat, square: Flat) -> None:
         with torch.no_grad():
             self._weights.copy_(torch.tensor(weights))
             self._target.copy_(torch.tensor(target))
-        self._adam.state[self._weights] = {
-            'step': torch.tensor(float(self.updates), device=self._parameters.device),
-            'exp_avg': torch.zeros_like(self._weights).copy_(torch.tensor(mean)),
-            'exp_avg_sq': torch.zeros_like(self._weights).copy_(torch.tensor(square)),
-        }
+            self._adam.means[0].copy_(torch.tensor(mean))
+            self._adam.squares[0].copy_(torch.tensor(square))
+        self._adam.set_steps(self.updates)
         self._show()
 
     def _show(self) -> None:

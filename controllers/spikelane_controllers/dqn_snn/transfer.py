@@ -219,6 +219,8 @@ class _Training:
     ) -> None:
         import torch
 
+        from spikelane_controllers.learning.adam import Adam
+
         self._torch = torch
         self._states, self._maximum = states, maximum
         self._parameters, self._rng = parameters, rng
@@ -231,24 +233,21 @@ class _Training:
                 _uniform((outputs, hidden), hidden, rng),
             )
         )
-        self._adam = torch.optim.Adam(self._weights, lr=parameters.learning_rate, fused=True)
+        self._adam = Adam(self._weights)
         self._done = 0
         self._of_action = [np.flatnonzero(states.actions == each) for each in range(outputs)]
 
     def step(self) -> None:
         """Take one training step."""
         torch = self._torch
+        rate = self._parameters.learning_rate
         if self._parameters.decays:
-            share = self._done / self._parameters.steps
-            for group in self._adam.param_groups:
-                group['lr'] = self._parameters.learning_rate * (1 + math.cos(math.pi * share)) / 2
+            rate *= (1 + math.cos(math.pi * self._done / self._parameters.steps)) / 2
         batch = _take(self._states, self._drawn())
         gain = np.float32(self._parameters.input_gain)
         inputs = torch.from_numpy(scaled(batch.counts, self._maximum) * gain)
         loss = torch.nn.functional.cross_entropy(self._outputs(inputs), self._aims(batch))
-        self._adam.zero_grad()
-        loss.backward()
-        self._adam.step()
+        self._adam.step(torch.autograd.grad(loss, self._weights), rate)
         self._done += 1
 
     def network(self) -> FeedForward:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fire_planes, render_planes
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import copy, inlined, inner
 from spikelane_sim.curve import nearest_on_curve
 from spikelane_sim.episode_rules import (
     admit,
@@ -33,7 +33,7 @@ from spikelane_sim.filters.compiled import filter_events
 from spikelane_sim.fleet.bodies import move_body
 from spikelane_sim.fleet.conditions import Conditions, with_rates
 from spikelane_sim.fleet.generators import generator_at
-from spikelane_sim.fleet.world import OTHER
+from spikelane_sim.fleet.world import IS_RIGID, OTHER
 from spikelane_sim.pixels.coppelia import fire
 from spikelane_sim.pixels.crossings import cross_image, Crossings, deliver, emit, PixelArrays
 from spikelane_sim.pixels.dead import keep_living
@@ -85,8 +85,8 @@ class Robots(NamedTuple):
         reference: Reference of the pixels, (n_robots, height * width); of no size
             with bit planes and with `esim`.
         change: The same.
-        esim: What the pixels of `esim` are and remember, (n_robots, height * width) each; of no
-            size without.
+        esim: What the pixels of `esim` are and remember, (n_robots, height * width) each; None
+            without.
         waiting: Events of `esim` of times still to come, (n_robots, room).
         memory: What the filters remember, (n_robots, n_numbers).
         commands: The last ones sent [rad/s], number n in row n % rows, (n_robots, rows, 2).
@@ -102,7 +102,7 @@ class Robots(NamedTuple):
     planes: NDArray[np.uint64]
     reference: NDArray[np.float64]
     change: NDArray[np.float64]
-    esim: PixelArrays
+    esim: PixelArrays | None
     waiting: Events
     memory: NDArray[np.int64]
     commands: NDArray[np.float64]
@@ -118,7 +118,7 @@ class Scratch(NamedTuple):
     planes: NDArray[np.uint64]  # (2, height, words)
     events: Events  # (height * width,)
     polarity: NDArray[np.int8]  # of the events of a step; 0 between steps, (height * width,)
-    crossings: Crossings  # of `esim`
+    crossings: Crossings | None  # of `esim`; None without
 
 
 def make_scratch(world: Any) -> Scratch:
@@ -130,7 +130,7 @@ def make_scratch(world: Any) -> Scratch:
         np.empty((2, world.height, -(-world.width // 64)), np.uint64),
         np.empty(size, EVENT_DTYPE),
         np.zeros(size, np.int8),
-        make_crossings(size if world.has_esim else 0),
+        make_crossings(size) if world.esim else None,
     )
 
 
@@ -147,19 +147,19 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
     if world.engine != OTHER:
         pose[:] = 0.0
         pose[0], pose[1] = x_m, y_m
-        pose[2] = world.body.height_m if world.engine == 1 else world.drive.height_m
+        pose[2] = world.body.height_m if world.engine == IS_RIGID else world.drive.height_m
         pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
     known = robots.known[i]
     known.sent = known.arrived = known.n_waiting = known.n_events = 0
-    robots.memory[i] = world.filters.memory
+    copy(world.filters.memory, robots.memory[i])
     position_m = _locate(world, robots, i)
     _know(known, start_at(position_m))
     condition = robots.conditions.numbers[i, 0]
     _render(world, robots, scratch, i, 0, pose)
-    if world.has_esim:
+    if world.esim is not None:
         return
     if world.has_planes:
-        robots.planes[i] = scratch.planes
+        copy(scratch.planes.ravel(), robots.planes[i].ravel())
         return
     seen, reference, change = scratch.image.ravel(), robots.reference[i], robots.change[i]
     for pixel in range(seen.size):
@@ -210,15 +210,7 @@ def simulate(  # type: ignore[no-untyped-def]
     )
     length_m = world.lengths_m[known.lane]
     _know(known, follow(length_m, world.limits, last, position_m, known.distance_m))
-    if world.has_esim:
-        events = _see_changes(world, robots, scratch, template, i, phase)
-    else:
-        number = _see(world, robots, scratch, i, phase)
-        if condition.noise_rate_hz > 0.0:
-            rng = generator_at(template, robots.noise[i])
-            rate_hz = condition.noise_rate_hz
-            number = _add_noise(world, rate_hz, rng, scratch, number, known.step)
-        events = scratch.events[:number]
+    events = _look(world, robots, scratch, template, i, phase, world.esim)
     if world.has_dead:
         events = events[: keep_living(robots.conditions.dead[i, phase], world.width, events)]
     if condition.event_loss > 0.0:
@@ -255,13 +247,13 @@ def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-unty
     return last[0], last[1]
 
 
-@inner
+@inlined
 def _move(world, robots, i, left, right):  # type: ignore[no-untyped-def]
     motion, poses = robots.motion[i], robots.poses[i]
     if world.engine == OTHER:
         move_body(robots.bodies[i], left, right, poses, motion[: HEADING + 1])
         return
-    if world.engine == 1:
+    if world.engine == IS_RIGID:
         drive_step(world.body, motion, left, right, world.substeps, poses)
         return
     drive = world.drive
@@ -272,7 +264,7 @@ def _move(world, robots, i, left, right):  # type: ignore[no-untyped-def]
     driven, x_m, y_m, heading_rad = drive_arc(
         start, forward, turn, drive.axle_x_m, drive.height_m, poses.shape[0], world.period_s
     )
-    poses[:] = driven
+    copy(driven.ravel(), poses.ravel())
     motion[X], motion[Y], motion[HEADING] = x_m, y_m, heading_rad
     motion[LEFT] += left * world.period_s
     motion[RIGHT] += right * world.period_s
@@ -306,30 +298,47 @@ def _render(world, robots, scratch, i, phase, pose):  # type: ignore[no-untyped-
 
 
 @inner
-def _see(world, robots, scratch, i, phase):  # type: ignore[no-untyped-def]
-    """Write the events of what robot i sees; return how many.
+def _look(world, robots, scratch, template, i, phase, esim):  # type: ignore[no-untyped-def]
+    """Return the events of what robot i sees in a step, with noise.
+
+    Of the branches only that is compiled which the type of `esim`, None or not, leads into.
+    """
+    if esim is None:
+        return _see(world, robots, scratch, template, i, phase)
+    return _see_changes(world, robots, scratch, template, i, phase)
+
+
+@inlined
+def _see(world, robots, scratch, template, i, phase):  # type: ignore[no-untyped-def]
+    """Return the events of what robot i sees, with noise.
 
     Their time is that of the step's end since the episode began, as the filters want it.
     """
-    known = robots.known[i]
+    known, condition = robots.known[i], robots.conditions.numbers[i, phase]
     _render(world, robots, scratch, i, phase, robots.poses[i, -1])
     end_ns = (known.step + 1) * world.period_ns
     if world.has_planes:
         intensities = robots.conditions.seen[i, phase]
-        return fire_planes(robots.planes[i], scratch.planes, intensities, end_ns, scratch.events)
-    return fire(
-        scratch.image.ravel(),
-        robots.reference[i],
-        robots.change[i],
-        robots.conditions.numbers[i, phase].threshold,
-        world.dark_intensity,
-        end_ns,
-        world.width,
-        scratch.events,
-    )
+        number = fire_planes(robots.planes[i], scratch.planes, intensities, end_ns, scratch.events)
+    else:
+        number = fire(
+            scratch.image.ravel(),
+            robots.reference[i],
+            robots.change[i],
+            condition.threshold,
+            world.dark_intensity,
+            end_ns,
+            world.width,
+            scratch.events,
+        )
+    if condition.noise_rate_hz > 0.0:
+        rng = generator_at(template, robots.noise[i])
+        rate_hz = condition.noise_rate_hz
+        number = _add_noise(world, rate_hz, rng, scratch, number, known.step)
+    return scratch.events[:number]
 
 
-@inner
+@inlined
 def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no-untyped-def]
     """Return the events of the images that robot i sees in a step with `esim`."""
     known, poses, rows = robots.known[i], robots.poses[i], robots.esim
@@ -375,7 +384,7 @@ def _see_changes(world, robots, scratch, template, i, phase):  # type: ignore[no
     return events
 
 
-@inner
+@inlined
 def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-untyped-def]
     """Add noise where no pixel has fired, as `CoppeliaPixels` does; return how many events.
 

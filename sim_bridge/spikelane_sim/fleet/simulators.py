@@ -121,7 +121,7 @@ class SimulatorFleet:
         # Looks at the first image of each episode, for whichever robot.
         self._pixels = (
             EsimPixels(self.parameters.pixels.esim, camera.width, camera.height)
-            if self.world.has_esim
+            if self.world.esim
             else None
         )
         self._episodes: list[_Episode | None] = [None] * n_robots
@@ -174,7 +174,7 @@ class SimulatorFleet:
         known['course'][robot], known['lane'][robot] = number, lane_number
         if schedule.changing:
             self._write_phases(robot, phases)
-        if self.world.most_noise_hz or self.world.has_esim:
+        if self.world.most_noise_hz or self.world.esim:
             self.noise[robot] = simulator_rng(*now)
         if self.world.has_losses:
             self.losses[robot] = link_rng(*now)
@@ -291,7 +291,7 @@ class SimulatorFleet:
         pixels.adopt(parameters)
         pixels.reset(self.noise[robot])
         pixels.step(self._scratch.image[None], 0, self.world.period_ns)
-        rows: tuple[NDArray[Any], ...] = self.robots.esim
+        rows: tuple[NDArray[Any], ...] = self.robots.esim or ()
         for row, values in zip(rows, pixels.pixels, strict=True):
             row[robot] = values
 
@@ -308,8 +308,7 @@ def _make_robots(
     n_robots = len(bodies)
     planes = (2, world.height, words_of(world.width)) if world.has_planes else (0, 0, 0)
     size = world.height * world.width
-    pixels = 0 if world.has_planes or world.has_esim else size
-    esim = (n_robots, size if world.has_esim else 0)
+    pixels = 0 if world.has_planes or world.esim else size
     return Robots(
         known=np.zeros(n_robots, ROBOT_DTYPE),
         motion=np.zeros((n_robots, 7)),
@@ -318,14 +317,7 @@ def _make_robots(
         planes=np.zeros((n_robots, *planes), np.uint64),
         reference=np.zeros((n_robots, pixels)),
         change=np.zeros((n_robots, pixels)),
-        esim=PixelArrays(
-            threshold_on=np.zeros(esim),
-            threshold_off=np.zeros(esim),
-            intensity=np.zeros(esim, np.float32),
-            log_intensity=np.zeros(esim),
-            reference=np.zeros(esim),
-            last_event_us=np.zeros(esim, np.int64),
-        ),
+        esim=_make_pixels((n_robots, size)) if world.esim else None,
         waiting=np.zeros((n_robots, _most_waiting(world)), EVENT_DTYPE),
         memory=np.zeros((n_robots, len(world.filters.memory)), np.int64),
         commands=np.zeros((n_robots, world.most_latency_steps + 1, 2)),
@@ -335,13 +327,24 @@ def _make_robots(
     )
 
 
+def _make_pixels(shape: tuple[int, int]) -> PixelArrays:
+    return PixelArrays(
+        threshold_on=np.zeros(shape),
+        threshold_off=np.zeros(shape),
+        intensity=np.zeros(shape, np.float32),
+        log_intensity=np.zeros(shape),
+        reference=np.zeros(shape),
+        last_event_us=np.zeros(shape, np.int64),
+    )
+
+
 def _most_waiting(world: World) -> int:
     """Return room for the events that wait for the latency of the pixels.
 
     That is for two of each pixel and step, and noise of 20 standard deviations above its mean.
     """
     esim = world.esim
-    if not (world.has_esim and esim.latency_us):
+    if not (esim and esim.latency_us):
         return 0
     size = world.height * world.width
     rate_hz = world.most_esim_noise_hz * size + esim.hot_rate_hz * len(esim.hot)

@@ -21,6 +21,7 @@ from spikelane_sim.robots.rigid import RigidBody, RigidDrive
 
 #: Engines that are compiled, by the numbers that the kernel knows.
 ENGINES = (KINEMATIC, RIGID)
+IS_RIGID = ENGINES.index(RIGID)
 
 #: The number of all other engines, whose robots the kernel calls.
 OTHER = len(ENGINES)
@@ -71,8 +72,8 @@ class World(NamedTuple):
         speed: Factor on all velocities asked of the wheels.
         limits: When an episode ends.
         dark_intensity: See `CoppeliaParameters`.
-        has_esim: Whether the pixels are those of `esim`.
-        esim: What these have in common.
+        esim: What the pixels of `esim` have in common; None with others, for which the kernel is
+            compiled without them.
         n_images: Images that are rendered for a step.
         filters: Filters of the events.
         has_wheel_errors: Whether wheels are ever not as the robot takes them to be.
@@ -104,8 +105,7 @@ class World(NamedTuple):
     speed: float
     limits: Limits
     dark_intensity: float
-    has_esim: bool
-    esim: Constants
+    esim: Constants | None
     n_images: int
     filters: Chain
     has_wheel_errors: bool
@@ -132,7 +132,6 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
     """
     parameters = schedule.parameters
     n_images = parameters.pixels.images_per_step
-    has_esim = parameters.pixels.model == 'esim'
     lanes = [lane for course in courses for lane in course.lanes.values()]
     camera, robot = parameters.camera, parameters.robot
     rules = parameters.episode
@@ -163,8 +162,11 @@ def make_world(schedule: Schedule, courses: Sequence[Course], filters: FilterPar
             rules.min_progress_m,
         ),
         dark_intensity=parameters.pixels.coppelia.dark_intensity,
-        has_esim=has_esim,
-        esim=esim_constants(parameters.pixels.esim, camera.width, camera.height),
+        esim=(
+            esim_constants(parameters.pixels.esim, camera.width, camera.height)
+            if parameters.pixels.model == 'esim'
+            else None
+        ),
         n_images=n_images,
         filters=make_chain(filters, camera.width, camera.height),
         has_wheel_errors=schedule.has_wheel_errors,
