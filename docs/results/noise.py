@@ -54,6 +54,14 @@ PERTURBATIONS: Mapping[str, Mapping[str, Any]] = {
     'drawn in each lap': {'randomisation.enabled': True, 'randomisation.noise_hz': 0.0},
 }
 VARIANTS = ('nominal', 'randomised')
+#: Trainings with and without domain randomisation, by controller and variant.
+RANDOMISATION = {
+    'rstdp': {each: f'train-rstdp-1-rigid-{each}-seed{{}}' for each in VARIANTS},
+    'dqn': {
+        'nominal': 'train-dqn-1-rigid-best-seed{}',
+        'randomised': 'train-dqn-1-rigid-randomised-seed{}',
+    },
+}
 
 
 class Case(NamedTuple):
@@ -134,7 +142,6 @@ def cases() -> dict[str, Case]:
         _esim(1.0),
         FILTER,
         parameters={'averaged': True},
-        seeds=range(5),
         laps=LAPS,
     )
     found['dqn_snn shipped, scenario 1 1 Hz'] = Case(
@@ -146,13 +153,15 @@ def cases() -> dict[str, Case]:
         _esim(1.0),
         FILTER,
         parameters={'encoding.frames': 10},
-        seeds=range(5),
         laps=LAPS,
     )
-    for variant in VARIANTS:
-        folder = f'train-rstdp-1-rigid-{variant}-seed{{}}'
-        for name, values in PERTURBATIONS.items():
-            found[f'rstdp {variant}: {name}'] = Case('rstdp', folder, values)
+    for controller, folders in RANDOMISATION.items():
+        parameters = {'averaged': True} if controller == 'dqn' else {}
+        for variant, folder in folders.items():
+            for name, values in PERTURBATIONS.items():
+                found[f'{controller} {variant}: {name}'] = Case(
+                    controller, folder, values, parameters=parameters
+                )
     return found
 
 
@@ -285,18 +294,24 @@ def show(data: pd.DataFrame, path: Path) -> None:
             'the weights shipped' if 'shipped' in name and unit == 'seed' else _whole(rows, unit)
         )
         print_row(_words(name), _counts(rows), whole, error_text(rows, unit))
+    for controller in RANDOMISATION:
+        _print_perturbed(data, controller)
+    draw(data, path)
+
+
+def _print_perturbed(data: pd.DataFrame, controller: str) -> None:
+    """Print what domain randomisation brings a controller, and costs it."""
     print()
-    columns = ['judged with']
+    columns = [f'{title(controller)}, judged with']
     for variant in VARIANTS:
         columns += [f'trained {variant}: laps', 'mean error (95 %)']
     print(table_header(*columns))
     for name in PERTURBATIONS:
         cells = [name]
         for variant in VARIANTS:
-            rows = data[data['case'] == f'rstdp {variant}: {name}']
+            rows = data[data['case'] == f'{controller} {variant}: {name}']
             cells += [_counts(rows), error_text(rows)] if len(rows) else ['', '']
         print_row(*cells)
-    draw(data, path)
 
 
 def draw(data: pd.DataFrame, path: Path) -> None:

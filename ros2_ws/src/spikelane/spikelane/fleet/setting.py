@@ -17,7 +17,7 @@ from spikelane_sim.fleet.world import ENGINES
 _OWN = ('seed', 'scenario', 'course', 'lane', 'training', 'evaluation', 'given')
 
 #: Steps of all robots together from which the kernel is used for what single simulators do to the
-#: same bytes. It takes less than half of the 40 to 60 µs that a step takes alone, but 50 to 70 s
+#: same bytes. It takes less than half of the 40 to 60 µs that a step takes alone, but 25 to 50 s
 #: to be compiled where it was not used yet: with fewer steps nobody should wait for that.
 LEAST_STEPS = 500_000
 
