@@ -24,6 +24,7 @@ from shared.driving import Driven, fleet_laps, give_weights, host, LANES, LAP_SE
 from shared.parts import add_missing, put_part, Rows
 from speed_figure import show
 from speed_settings import (
+    NETWORK_SPEEDS,
     PERIODS_MS,
     RACER_URDF,
     Setting,
@@ -270,7 +271,8 @@ def collect(runs: Path, scenario: int) -> Rows:
             if not (folder / 'metrics.json').exists():
                 continue  # it is not over
             seed = int(folder.name.rsplit('seed', 1)[1])
-            setting = Setting(controller, str(folder), 9 * WHEEL_M, 50)
+            asked_m_s = NETWORK_SPEEDS[scenario] * STRAIGHT_RAD_S[controller] * WHEEL_M
+            setting = Setting(controller, str(folder), asked_m_s, 50)
             for row in drive(setting, scenario, (seed,)):
                 rows.append({**row, 'weights': TRAINED})
     return rows

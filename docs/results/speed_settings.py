@@ -8,6 +8,8 @@ PERIODS_MS = (50, 20, 10, 5)
 WHEEL_M = 0.0975
 #: The wheels' mean velocity on a straight lane [rad/s] at `speed` 1.
 STRAIGHT_RAD_S = {'rstdp': 1.5, 'braitenberg': 1.5, 'dqn': 1.0, 'dqn_snn': 1.0}
+#: `simulator.speed` of the networks of experiments/speed.yaml, by scenario.
+NETWORK_SPEEDS = {1: 9.0, 2: 8.5, 3: 8.5}
 SHIPPED, TRAINED = 'shipped', 'trained at this speed'
 P3DX = 'p3dx'
 #: A robot with a racing car's speed, its tyres and how hard it turns.
