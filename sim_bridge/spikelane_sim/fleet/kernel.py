@@ -33,7 +33,7 @@ from spikelane_sim.filters.compiled import filter_events
 from spikelane_sim.fleet.bodies import move_body
 from spikelane_sim.fleet.conditions import Conditions, with_rates
 from spikelane_sim.fleet.generators import generator_at
-from spikelane_sim.fleet.world import IS_RIGID, OTHER
+from spikelane_sim.fleet.world import OTHER, RIGID_ENGINE
 from spikelane_sim.pixels.coppelia import fire
 from spikelane_sim.pixels.crossings import cross_image, Crossings, deliver, emit, PixelArrays
 from spikelane_sim.pixels.dead import keep_living
@@ -147,7 +147,7 @@ def begin(world, robots, scratch, i, x_m, y_m, heading_rad):  # type: ignore[no-
     if world.engine != OTHER:
         pose[:] = 0.0
         pose[0], pose[1] = x_m, y_m
-        pose[2] = world.body.height_m if world.engine == IS_RIGID else world.drive.height_m
+        pose[2] = world.body.height_m if world.engine == RIGID_ENGINE else world.drive.height_m
         pose[5], pose[6] = np.sin(heading_rad / 2), np.cos(heading_rad / 2)
     known = robots.known[i]
     known.sent = known.arrived = known.n_waiting = known.n_events = 0
@@ -253,7 +253,7 @@ def _move(world, robots, i, left, right):  # type: ignore[no-untyped-def]
     if world.engine == OTHER:
         move_body(robots.bodies[i], left, right, poses, motion[: HEADING + 1])
         return
-    if world.engine == IS_RIGID:
+    if world.engine == RIGID_ENGINE:
         drive_step(world.body, motion, left, right, world.substeps, poses)
         return
     drive = world.drive
@@ -301,7 +301,7 @@ def _render(world, robots, scratch, i, phase, pose):  # type: ignore[no-untyped-
 def _look(world, robots, scratch, template, i, phase, esim):  # type: ignore[no-untyped-def]
     """Return the events of what robot i sees in a step, with noise.
 
-    Of the branches only that is compiled which the type of `esim`, None or not, leads into.
+    Numba compiles only one of the two branches, as the type of `esim` says whether it is None.
     """
     if esim is None:
         return _see(world, robots, scratch, template, i, phase)

@@ -32,8 +32,7 @@ from spikelane_sim.fleet.kernel import (
 )
 from spikelane_sim.fleet.world import ENGINES, make_world, OTHER, World
 from spikelane_sim.pixels import PixelParameters
-from spikelane_sim.pixels.crossings import PixelArrays
-from spikelane_sim.pixels.esim import EsimPixels
+from spikelane_sim.pixels.esim import EsimPixels, make_pixels
 from spikelane_sim.robots import KINEMATIC
 from spikelane_sim.robots.wheel_errors import real_velocities
 from spikelane_sim.simulator import CommandCounts
@@ -317,24 +316,13 @@ def _make_robots(
         planes=np.zeros((n_robots, *planes), np.uint64),
         reference=np.zeros((n_robots, pixels)),
         change=np.zeros((n_robots, pixels)),
-        esim=_make_pixels((n_robots, size)) if world.esim else None,
+        esim=make_pixels((n_robots, size)) if world.esim else None,
         waiting=np.zeros((n_robots, _most_waiting(world)), EVENT_DTYPE),
         memory=np.zeros((n_robots, len(world.filters.memory)), np.int64),
         commands=np.zeros((n_robots, world.most_latency_steps + 1, 2)),
         conditions=make_conditions(n_robots, size if world.has_dead else 0),
         noise=noise.addresses,
         losses=losses.addresses,
-    )
-
-
-def _make_pixels(shape: tuple[int, int]) -> PixelArrays:
-    return PixelArrays(
-        threshold_on=np.zeros(shape),
-        threshold_off=np.zeros(shape),
-        intensity=np.zeros(shape, np.float32),
-        log_intensity=np.zeros(shape),
-        reference=np.zeros(shape),
-        last_event_us=np.zeros(shape, np.int64),
     )
 
 

@@ -21,7 +21,7 @@ from spikelane_sim.robots.rigid import RigidBody, RigidDrive
 
 #: Engines that are compiled, by the numbers that the kernel knows.
 ENGINES = (KINEMATIC, RIGID)
-IS_RIGID = ENGINES.index(RIGID)
+RIGID_ENGINE = ENGINES.index(RIGID)
 
 #: The number of all other engines, whose robots the kernel calls.
 OTHER = len(ENGINES)

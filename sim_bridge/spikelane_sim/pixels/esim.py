@@ -157,14 +157,7 @@ class EsimPixels:
         self.width = width
         self.height = height
         size = width * height
-        self.pixels = PixelArrays(
-            threshold_on=np.zeros(size),
-            threshold_off=np.zeros(size),
-            intensity=np.zeros(size, np.float32),
-            log_intensity=np.zeros(size),
-            reference=np.zeros(size),
-            last_event_us=np.zeros(size, np.int64),
-        )
+        self.pixels = make_pixels((size,))
         self.constants = esim_constants(parameters, width, height)
         self.pending: Events = no_events()
         self.seen_until_ns: int | None = None
@@ -269,6 +262,18 @@ def esim_constants(parameters: EsimParameters, width: int, height: int) -> Const
         latency_us=round(parameters.latency_s * 1e6),
         refractory_us=round(parameters.refractory_s * 1e6),
         width=width,
+    )
+
+
+def make_pixels(shape: tuple[int, ...]) -> PixelArrays:
+    """Return arrays of 0 for pixels, each of this shape, whose last axis is the pixels."""
+    return PixelArrays(
+        threshold_on=np.zeros(shape),
+        threshold_off=np.zeros(shape),
+        intensity=np.zeros(shape, np.float32),
+        log_intensity=np.zeros(shape),
+        reference=np.zeros(shape),
+        last_event_us=np.zeros(shape, np.int64),
     )
 
 
