@@ -13,7 +13,7 @@ from spikelane_controllers.fleet_kernel import write_down
 from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
 from spikelane_controllers.spiking.spikes import grid_steps
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
-from spikelane_sim.compiled import inlined, inner
+from spikelane_sim.compiled import inner
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import simulate
@@ -124,7 +124,7 @@ def look_at(motors, events, i):  # type: ignore[no-untyped-def]
     count_cells(events, len(events), motors.cells.crop_top, motors.cells.cell, motors.counts[i])
 
 
-@inlined
+@inner
 def drive_on(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, journey, i, left, right
 ):
