@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from spikelane_sim import raster
 from spikelane_sim.compiled import inner
 from spikelane_sim.events import Events
+from spikelane_sim.kernel_arrays import stack_array
 from spikelane_sim.pixels.images import lowest_bit
 
 #: Planes of an image, (2, height, words): where the floor is seen, and where a marking is.
@@ -91,60 +92,70 @@ def render_planes(  # type: ignore[no-untyped-def]
     """
     planes[:] = 0
     height = planes.shape[1]
-    view = raster.view_from(lens, pose)
+    view, ground = stack_array((4, 3), np.float64), stack_array((3, 3), np.float64)
+    raster.find_view(lens, pose, view)
     if not np.isfinite(np.sum(view)):
         return False
     if view[raster.EYE, 2] <= 0.0:
         return True
-    ground = raster.homography(lens, view)
-    scan = raster.Scan(
-        np.empty((6, 2)), np.empty((6, 2)), np.empty(2, np.int64), np.empty((3, 3)), np.zeros(2)
-    )
-    spans = np.empty((3, height))  # where rows begin and end to be covered; the image's width
-    spans[2, 0] = width
+    raster.find_homography(lens, view, ground)
+    scan = raster.empty_scan()
     if has_floor:
         raster.clip_depth(scan, ground, lens)
-        _draw(scan, 0, height, spans, planes[FLOOR])
-    found = np.empty(pieces.shape[0], np.int64)
-    for i in found[: raster.find_pieces(pieces, view, lens, width, found)]:
-        first, last = raster.rows_of(pieces[i], view, lens, height, width)
-        if first < last:
-            raster.clip_depth(scan, ground, lens)
-            raster.clip_piece(scan, ground, pieces[i])
-            _draw(scan, first, last, spans, planes[MARKING])
+        _draw(scan, 0, height, width, planes[FLOOR])
+    found = stack_array((128,), np.int64)
+    for begin in range(0, len(pieces), len(found)):
+        some = pieces[begin : begin + len(found)]
+        for i in found[: raster.find_pieces(some, view, lens, width, found)]:
+            first, last = raster.rows_of(some[i], view, lens, height, width)
+            if first < last:
+                raster.clip_depth(scan, ground, lens)
+                raster.clip_piece(scan, ground, some[i])
+                _draw(scan, first, last, width, planes[MARKING])
     return True
 
 
 @inner(error_model='numpy')
-def _draw(scan, first, last, spans, plane):  # type: ignore[no-untyped-def]
-    """Set the bits of pixels whose centres a scan covers, in rows first to last.
+def _draw(scan, first, last, width, plane):  # type: ignore[no-untyped-def]
+    """Set the bits of pixels whose centres a scan covers, in rows first to last."""
+    spans = stack_array((2, 128), np.float64)
+    rows = spans.shape[1]
+    for top in range(first, last, rows):
+        _draw_rows(scan, top, min(top + rows, last), width, spans, plane)
+
+
+@inner(error_model='numpy')
+def _draw_rows(scan, first, last, width, spans, plane):  # type: ignore[no-untyped-def]
+    """Do so for as many rows as there is room for in spans, (2, n).
 
     Bound after bound is taken to all rows, instead of row after row to all bounds: so the compiler
     makes vector instructions of it.
     """
-    begin, end = spans[0], spans[1]
-    begin[first:last] = 0.0
-    end[first:last] = spans[2, 0]
+    begin, end = spans[0], spans[1]  # of row first + k
+    number = last - first
+    begin[:number] = 0.0
+    end[:number] = width
     for i in range(scan.n[0]):
         slope, intercept = scan.lower[i, 0], scan.lower[i, 1]
-        for row in range(first, last):
-            begin[row] = max(begin[row], slope * (row + 0.5) + intercept)
+        for k in range(number):
+            begin[k] = max(begin[k], slope * (first + k + 0.5) + intercept)
     for i in range(scan.n[1]):
         slope, intercept = scan.upper[i, 0], scan.upper[i, 1]
-        for row in range(first, last):
-            end[row] = min(end[row], slope * (row + 0.5) + intercept)
+        for k in range(number):
+            end[k] = min(end[k], slope * (first + k + 0.5) + intercept)
     if scan.squared[1] == 0.0:
-        for row in range(first, last):
-            _fill(plane, row, begin[row], end[row])
+        for k in range(number):
+            _fill(plane, first + k, begin[k], end[k])
         return
-    for row in range(first, last):
-        if not begin[row] < end[row]:
+    for k in range(number):
+        if not begin[k] < end[k]:
             continue
-        low, high = raster.within_circle(scan, row + 0.5, scan.squared[1])
-        left, right = max(begin[row], low), min(end[row], high)
-        low, high = raster.within_circle(scan, row + 0.5, scan.squared[0])
-        _fill(plane, row, left, min(right, low))
-        _fill(plane, row, max(left, high, low), right)
+        v = first + k + 0.5
+        low, high = raster.within_circle(scan, v, scan.squared[1])
+        left, right = max(begin[k], low), min(end[k], high)
+        low, high = raster.within_circle(scan, v, scan.squared[0])
+        _fill(plane, first + k, left, min(right, low))
+        _fill(plane, first + k, max(left, high, low), right)
 
 
 @inner(error_model='numpy')

@@ -96,7 +96,7 @@ def count_events(events: Events, parameters: EncodingParameters) -> Counts:
     return counts
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model='numpy')
 def count_cells(events: Events, number: int, crop_top: int, cell: int, counts: Counts) -> None:
     """Count the first events in each cell, compiled; see `count_events`.
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.compiled import inner
+from spikelane_sim.kernel_arrays import stack_array
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -67,6 +68,18 @@ class Scan(NamedTuple):
     squared: Array
 
 
+@numba.njit(cache=True, inline='always')
+def empty_scan():  # type: ignore[no-untyped-def]
+    """Return a `Scan` on the stack of the caller, which this function becomes a part of."""
+    return Scan(
+        stack_array((6, 2), np.float64),
+        stack_array((6, 2), np.float64),
+        stack_array((2,), np.int64),
+        stack_array((3, 3), np.float64),
+        stack_array((2,), np.float64),
+    )
+
+
 @numba.njit(cache=True, error_model='numpy')
 def render(
     pieces: Array,
@@ -90,39 +103,39 @@ def render(
     """
     background = lens[BACKGROUND]
     image[:] = background
-    view = view_from(lens, pose)
+    view, ground = stack_array((4, 3), np.float64), stack_array((3, 3), np.float64)
+    find_view(lens, pose, view)
     if not np.isfinite(np.sum(view)):
         return False
     if view[EYE, 2] <= 0.0:
         return True  # below the floor
-    ground = homography(lens, view)
-    scan = Scan(
-        np.empty((6, 2)), np.empty((6, 2)), np.empty(2, np.int64), np.empty((3, 3)), np.zeros(2)
-    )
+    find_homography(lens, view, ground)
+    scan = empty_scan()
     if floor != background:
         clip_depth(scan, ground, lens)
         _draw(scan, 0, image.shape[0], n_rows, floor, background, image)
-    found = np.empty(pieces.shape[0], np.int64)
-    for i in found[: find_pieces(pieces, view, lens, image.shape[1], found)]:
-        first, last = rows_of(pieces[i], view, lens, image.shape[0], image.shape[1])
-        if first < last:
-            clip_depth(scan, ground, lens)
-            clip_piece(scan, ground, pieces[i])
-            _draw(scan, first, last, n_rows, marking, floor, image)
+    found = stack_array((128,), np.int64)
+    for begin in range(0, len(pieces), len(found)):
+        some = pieces[begin : begin + len(found)]
+        for i in found[: find_pieces(some, view, lens, image.shape[1], found)]:
+            first, last = rows_of(some[i], view, lens, image.shape[0], image.shape[1])
+            if first < last:
+                clip_depth(scan, ground, lens)
+                clip_piece(scan, ground, some[i])
+                _draw(scan, first, last, n_rows, marking, floor, image)
     if n_rows > 1:
         _limit(image, min(background, floor, marking), max(background, floor, marking))
     return True
 
 
 @inner(error_model='numpy')
-def view_from(lens: Array, pose: Array) -> Array:
-    """Return the camera's axes and place in the world, (4, 3)."""
+def find_view(lens: Array, pose: Array, view: Array) -> None:
+    """Find the camera's axes and place in the world, (4, 3)."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     two = 2.0 / (x * x + y * y + z * z + w * w)
     ahead = (1.0 - two * (y * y + z * z), two * (x * y + z * w), two * (x * z - y * w))
     left = (two * (x * y - z * w), 1.0 - two * (x * x + z * z), two * (y * z + x * w))
     up = (two * (x * z + y * w), two * (y * z - x * w), 1.0 - two * (x * x + y * y))
-    view = np.empty((4, 3))
     for i in range(3):
         turned = lens[YAW_COS] * ahead[i] + lens[YAW_SIN] * left[i]
         view[RIGHT, i] = lens[YAW_SIN] * ahead[i] - lens[YAW_COS] * left[i]
@@ -131,13 +144,11 @@ def view_from(lens: Array, pose: Array) -> Array:
         view[EYE, i] = (
             pose[i] + lens[PLACE] * ahead[i] + lens[PLACE + 1] * left[i] + lens[PLACE + 2] * up[i]
         )
-    return view
 
 
 @inner(error_model='numpy')
-def homography(lens: Array, view: Array) -> Array:
-    """Return the coefficients of X, Y, W for u, v and 1, (3, 3)."""
-    ground = np.empty((3, 3))
+def find_homography(lens: Array, view: Array, ground: Array) -> None:
+    """Find the coefficients of X, Y, W for u, v and 1, (3, 3)."""
     for i in range(3):
         u, v = view[RIGHT, i] / lens[FX], view[DOWN, i] / lens[FY]
         ground[i, 0], ground[i, 1] = u, v
@@ -147,7 +158,6 @@ def homography(lens: Array, view: Array) -> Array:
         ground[_W, j] /= -view[EYE, 2]
         ground[_X, j] += view[EYE, 0] * ground[_W, j]
         ground[_Y, j] += view[EYE, 1] * ground[_W, j]
-    return ground
 
 
 @inner(error_model='numpy')

@@ -20,6 +20,7 @@ from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neuron
 from spikelane_controllers.spiking.spikes import SPIKE_DTYPE, Spikes
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 from spikelane_sim.compiled import inner
+from spikelane_sim.kernel_arrays import borrowed
 
 
 class _Networks(NamedTuple):
@@ -86,6 +87,8 @@ def _advance(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, networks, journey, first, last
 ):
     """Let robots first to last drive, one after the other: its arrays stay in the cache."""
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    motors, networks, journey = borrowed(motors), borrowed(networks), borrowed(journey)
     for i in range(first, last):
         journey.taken[i], journey.has_ended[i] = 0, False
         while journey.taken[i] < journey.wanted[i]:

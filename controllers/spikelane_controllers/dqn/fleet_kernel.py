@@ -23,6 +23,7 @@ from spikelane_sim.encoding import count_cells
 from spikelane_sim.episode_rules import REASONS
 from spikelane_sim.fleet.generators import generator_at
 from spikelane_sim.fleet.kernel import simulate
+from spikelane_sim.kernel_arrays import borrowed
 from spikelane_sim.task import lane_centre_reward
 
 _LANE_LOST = REASONS.index(TERMINATED_LANE_LOST)
@@ -146,6 +147,9 @@ def advance(  # type: ignore[no-untyped-def]
         journey: The `Journey`.
         i: Which robot.
     """
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    setting, agent, journey = borrowed(setting), borrowed(agent), borrowed(journey)
+    numbers, seen, ended = borrowed(numbers), borrowed(seen), borrowed(ended)
     own = numbers[i]
     rng = generator_at(template, chance[i])
     while journey.taken[i] < journey.wanted[i]:
@@ -167,6 +171,8 @@ def repeat(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, setting, seen, i, answers
 ):
     """Drive robot i with answers (n, 2) that were given before."""
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    seen = borrowed(seen)
     for k in range(answers.shape[0]):
         events = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
         count_cells(events, len(events), setting.crop_top, setting.cell, seen[i])

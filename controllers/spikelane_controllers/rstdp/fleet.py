@@ -19,6 +19,7 @@ from spikelane_controllers.spiking.plasticity import PlasticNetwork
 from spikelane_controllers.spiking.plasticity_kernel import run, Workspace
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 from spikelane_sim.compiled import inner
+from spikelane_sim.kernel_arrays import borrowed
 
 
 class _Networks(NamedTuple):
@@ -97,6 +98,8 @@ def _advance(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, networks, journey, first, last
 ):
     """Let robots first to last drive, one after the other: its arrays stay in the cache."""
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    motors, networks, journey = borrowed(motors), borrowed(networks), borrowed(journey)
     for i in range(first, last):
         journey.taken[i], journey.has_ended[i] = 0, False
         while journey.taken[i] < journey.wanted[i]:

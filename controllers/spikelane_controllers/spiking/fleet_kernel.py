@@ -17,6 +17,7 @@ from spikelane_sim.compiled import inner
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import simulate
+from spikelane_sim.kernel_arrays import borrowed
 
 
 class Cells(NamedTuple):
@@ -144,6 +145,8 @@ def repeat(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, i, answers
 ):
     """Drive robot i with answers (n, 2) that were given before."""
+    world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
+    motors = borrowed(motors)
     for k in range(answers.shape[0]):
         events = simulate(world, robots, scratch, template, i, answers[k, 0], answers[k, 1])
         look_at(motors, events, i)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.spiking.neuron import advance_neuron, CONSTANTS_DTYPE, Neurons
 from spikelane_controllers.spiking.spikes import Spikes
 from spikelane_sim.compiled import inner
+from spikelane_sim.kernel_arrays import borrowed, stack_array
 
 #: A neuron's spike as its synapses remember it: stamp, neuron, K_minus just after it.
 POST_DTYPE = np.dtype([('stamp', '<i8'), ('source', '<i8'), ('k_minus', '<f8')])
@@ -51,6 +52,9 @@ RULE_DTYPE = np.dtype(
 NETWORK_DTYPE = np.dtype(
     [('neuron', CONSTANTS_DTYPE), ('synapse', RULE_DTYPE), ('window', '<i8')]  # [grid steps]
 )
+
+#: From here on exp(-x) is 0.
+_NOTHING_REMAINS = 746.0
 
 Posts = NDArray[np.void]  # of POST_DTYPE, in the order of stamps, (n_spikes,)
 
@@ -134,12 +138,20 @@ def _meet_all(
 
 
 @inner
-def _k_minus(posts: Any, count: int, time: int, rate: float) -> float:
+def _k_minus(posts: Any, count: int, time: int, rule: Any, tables: Any) -> float:
     """Return the neuron's trace just before a spike at a time."""
     k = count - 1
     while k >= 0 and posts[k].stamp >= time:
         k -= 1
-    return posts[k].k_minus * math.exp((posts[k].stamp - time) * rate) if k >= 0 else 0.0
+    if k < 0:
+        return 0.0
+    trace: float = posts[k].k_minus
+    passed = time - posts[k].stamp
+    if rule.interval + passed < len(tables):
+        return trace * float(tables[rule.interval + passed, 4])
+    # A neuron's last spike can be hours ago. The C library is slow where exp is 0.
+    past = passed * rule.minus_rate
+    return trace * math.exp(-past) if past < _NOTHING_REMAINS else 0.0
 
 
 @inner
@@ -178,7 +190,7 @@ def _hand_over(
         synapse.given = now
         _bring(synapse, now, posts, count, dopamine, rule, tables)
     _bring(synapse, stamp, posts, count, dopamine, rule, tables)
-    k_minus = _k_minus(posts, count, stamp - rule.delay, rule.minus_rate)
+    k_minus = _k_minus(posts, count, stamp - rule.delay, rule, tables)
     synapse.eligibility -= rule.a_minus * k_minus
     synapse.k_plus += 1.0
     weight_pa: float = synapse.weight_pa
@@ -187,29 +199,74 @@ def _hand_over(
 
 @numba.njit(cache=True, inline='always')
 def _drive(
-    neuron: Any,
+    neurons: Any,
     arriving: Any,
     begin: int,
     end: int,
     constants: Any,
     posts: Any,
-    count: int,
-    rate: float,
-) -> int:
-    """Take a neuron over some grid steps; record its spikes and return how many it has now."""
-    potential, current, slope = neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms
-    refractory = neuron.refractory
+    counts: Any,
+    rule: Any,
+    tables: Any,
+) -> None:
+    """Take a neuron over some grid steps, and record its spikes."""
+    one = neurons[0]
+    potential, current, slope = one.potential_mv, one.current_pa, one.slope_pa_per_ms
+    refractory = one.refractory
     for step in range(begin, end):
         potential, current, slope, refractory, has_fired = advance_neuron(
-            potential, current, slope, refractory, arriving[step], constants
+            potential, current, slope, refractory, arriving[step, 0], constants
         )
         if has_fired:
-            posts[count].k_minus = _k_minus(posts, count, step + 1, rate) + 1.0
-            posts[count].stamp = step + 1
-            count += 1
-    neuron.potential_mv, neuron.current_pa, neuron.slope_pa_per_ms = potential, current, slope
-    neuron.refractory = refractory
-    return count
+            _record(posts, counts, 0, step + 1, rule, tables)
+    one.potential_mv, one.current_pa, one.slope_pa_per_ms = potential, current, slope
+    one.refractory = refractory
+
+
+@numba.njit(cache=True, inline='always')
+def _drive_two(
+    neurons: Any,
+    arriving: Any,
+    begin: int,
+    end: int,
+    constants: Any,
+    posts: Any,
+    counts: Any,
+    rule: Any,
+    tables: Any,
+) -> None:
+    """Take two neurons over some grid steps at the same time.
+
+    A neuron's next potential waits for all of the last one's arithmetic; that of another neuron
+    is done meanwhile.
+    """
+    one, two = neurons[0], neurons[1]
+    potential_1, current_1, slope_1 = one.potential_mv, one.current_pa, one.slope_pa_per_ms
+    potential_2, current_2, slope_2 = two.potential_mv, two.current_pa, two.slope_pa_per_ms
+    refractory_1, refractory_2 = one.refractory, two.refractory
+    for step in range(begin, end):
+        potential_1, current_1, slope_1, refractory_1, has_fired_1 = advance_neuron(
+            potential_1, current_1, slope_1, refractory_1, arriving[step, 0], constants
+        )
+        potential_2, current_2, slope_2, refractory_2, has_fired_2 = advance_neuron(
+            potential_2, current_2, slope_2, refractory_2, arriving[step, 1], constants
+        )
+        if has_fired_1:
+            _record(posts, counts, 0, step + 1, rule, tables)
+        if has_fired_2:
+            _record(posts, counts, 1, step + 1, rule, tables)
+    one.potential_mv, one.current_pa, one.slope_pa_per_ms = potential_1, current_1, slope_1
+    two.potential_mv, two.current_pa, two.slope_pa_per_ms = potential_2, current_2, slope_2
+    one.refractory, two.refractory = refractory_1, refractory_2
+
+
+@inner
+def _record(posts: Any, counts: Any, i: int, stamp: int, rule: Any, tables: Any) -> None:
+    """Record a spike of a neuron."""
+    count = counts[i]
+    posts[i, count].k_minus = _k_minus(posts[i], count, stamp, rule, tables) + 1.0
+    posts[i, count].stamp = stamp
+    counts[i] = count + 1
 
 
 @numba.njit(cache=True)
@@ -236,6 +293,11 @@ def run(
     Returns:
         How many spikes are flying at the window's end, and how many the neurons fired.
     """
+    neurons, synapses, dopamine = borrowed(neurons), borrowed(synapses), borrowed(dopamine)
+    arriving_pa, arrived_pa = borrowed(arriving_pa), borrowed(arrived_pa)
+    posts, flying, fired = borrowed(posts), borrowed(flying), borrowed(fired)
+    counts, network, tables = borrowed(counts), borrowed(network), borrowed(tables)
+    inputs = borrowed(inputs)
     constants, rule, window = network[0].neuron, network[0].synapse, network[0].window
     number = len(neurons)
     earlier = counts.copy()
@@ -246,20 +308,11 @@ def run(
     while handed < n_flying and flying[handed].step + rule.to_relay < window - rule.interval:
         handed += 1
     arriving_pa[rule.delay : window + rule.delay] = 0.0
-    for i in range(number):
-        counts[i] = _run_neuron(
-            neurons[i],
-            synapses[i],
-            posts[i],
-            counts[i],
-            flying[:handed],
-            arriving_pa[:, i],
-            dopamine[i],
-            constants,
-            rule,
-            tables,
-            window,
-        )
+    most = flying[:handed], arriving_pa, dopamine, constants, rule, tables, window
+    for i in range(0, number - 1, 2):
+        _run_neurons(neurons, synapses, posts, counts, *most, i, (0, 1))
+    if number % 2:
+        _run_neurons(neurons, synapses, posts, counts, *most, number - 1, (0,))
     n_fired = _list_fired(posts, earlier, counts, fired)
     for i in range(number):
         dopamine[i] *= tables[rule.interval + window, 1]
@@ -275,43 +328,78 @@ def run(
 
 
 @inner
-def _run_neuron(
-    neuron: Any,
+def _run_neurons(
+    neurons: Any,
     synapses: Any,
     posts: Any,
-    count: int,
+    counts: Any,
     spikes: Any,
     arriving: Any,
-    dopamine: float,
+    dopamine: Any,
     constants: Any,
     rule: Any,
     tables: Any,
     window: int,
-) -> int:
-    """Take a neuron and its synapses through a window; return how many spikes it remembers."""
-    met = 0
-    while met < count and posts[met].stamp + rule.delay <= 0:
-        met += 1
-    for j in range(len(synapses)):
-        synapses[j].time, synapses[j].next_post, synapses[j].given = 0, met, -1
+    first: int,
+    which: Any,
+) -> None:
+    """Take one neuron or two, and their synapses, through a window.
+
+    Args:
+        neurons: All neurons; this and what follows as in `run`.
+        synapses: All synapses.
+        posts: Spikes that each neuron remembers.
+        counts: How many.
+        spikes: Of the inputs that are handed over in this window.
+        arriving: What arrives at the neurons.
+        dopamine: At each neuron's synapses.
+        constants: The neurons' constants.
+        rule: The synapses' rule.
+        tables: Those of the rule.
+        window: Length of the window.
+        first: The first of the neurons.
+        which: (0,) for that one, (0, 1) for the next one as well. The compiler knows the length of
+            a tuple, and makes a function without loops over neurons for each.
+    """
+    neurons, synapses, posts = neurons[first:], synapses[first:], posts[first:]
+    counts, arriving, dopamine = counts[first:], arriving[:, first:], dopamine[first:]
+    number, met = len(which), stack_array((2,), np.int64)
+    for i in range(number):
+        met[i] = 0
+        while met[i] < counts[i] and posts[i, met[i]].stamp + rule.delay <= 0:
+            met[i] += 1
+        for j in range(synapses.shape[1]):
+            synapse = synapses[i, j]
+            synapse.time, synapse.next_post, synapse.given = 0, met[i], -1
     handed = 0
     for begin in range(0, window, rule.interval):
-        met = _meet_all(synapses, met, begin, posts, count, dopamine, rule, tables)
+        for i in range(number):
+            met[i] = _meet_all(
+                synapses[i], met[i], begin, posts[i], counts[i], dopamine[i], rule, tables
+            )
         while handed < len(spikes) and spikes[handed].step + rule.to_relay < begin:
-            synapse, stamp = (
-                synapses[spikes[handed].source],
-                spikes[handed].step + rule.to_relay + 1,
-            )
-            arriving[stamp - 1 + rule.delay] += _hand_over(
-                synapse, stamp, begin, posts, count, dopamine, rule, tables
-            )
+            source, stamp = spikes[handed].source, spikes[handed].step + rule.to_relay + 1
+            for i in range(number):
+                arriving[stamp - 1 + rule.delay, i] += _hand_over(
+                    synapses[i, source],
+                    stamp,
+                    begin,
+                    posts[i],
+                    counts[i],
+                    dopamine[i],
+                    rule,
+                    tables,
+                )
             handed += 1
         end = begin + rule.interval
-        count = _drive(neuron, arriving, begin, end, constants, posts, count, rule.minus_rate)
-    _meet_all(synapses, met, window, posts, count, dopamine, rule, tables)
-    for j in range(len(synapses)):
-        _bring(synapses[j], window, posts, count, dopamine, rule, tables)
-    return count
+        if number == 2:
+            _drive_two(neurons, arriving, begin, end, constants, posts, counts, rule, tables)
+        else:
+            _drive(neurons, arriving, begin, end, constants, posts, counts, rule, tables)
+    for i in range(number):
+        _meet_all(synapses[i], met[i], window, posts[i], counts[i], dopamine[i], rule, tables)
+        for j in range(synapses.shape[1]):
+            _bring(synapses[i, j], window, posts[i], counts[i], dopamine[i], rule, tables)
 
 
 @inner

@@ -35,6 +35,7 @@ as if it had been the new one's decay all along.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -137,7 +138,8 @@ class SynapseRule(NamedTuple):
 
     scalars: NDArray[np.void]  # of RULE_DTYPE, (1,)
     # Per number k of grid steps from -interval to the longest window plus interval: what decays
-    # in them of c, n and K_plus, and the integral of exp(-t / tau_c - t / tau_n) [ms]. (n, 4)
+    # in them of c, n and K_plus, the integral of exp(-t / tau_c - t / tau_n) [ms], and what decays
+    # of K_minus. (n, 5)
     tables: NDArray[np.float64]
 
 
@@ -173,7 +175,8 @@ def synapse_rule(
     scalars['w_min'], scalars['w_max'] = synapse.w_min_pa, synapse.w_max_pa
     scalars['to_relay'] = grid_steps('to_relay_ms', delays.to_relay_ms)
     scalars['delay'], scalars['interval'] = delay, interval
-    t_ms = np.arange(-interval, window + interval + 1) * GRID_MS
+    steps = np.arange(-interval, window + interval + 1)
+    t_ms = steps * GRID_MS
     rate = 1 / synapse.tau_c_ms + 1 / synapse.tau_n_ms
     tables = np.stack(
         [
@@ -181,6 +184,8 @@ def synapse_rule(
             np.exp(-t_ms / synapse.tau_n_ms),
             np.exp(-t_ms / synapse.tau_plus_ms),
             -np.expm1(-rate * t_ms) / rate,
+            # As the kernel's exp, to the bit, which takes longer times.
+            [math.exp(-k * scalars['minus_rate'].item()) for k in steps.tolist()],
         ],
         axis=1,
     )

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from spikelane_sim.compiled import inner
 from spikelane_sim.encoding import count_cells, EncodingParameters
-from spikelane_sim.fleet.borrowed import borrowed
 from spikelane_sim.fleet.kernel import simulate
+from spikelane_sim.kernel_arrays import borrowed
 
 _MOST_COUNTED = 255
 

@@ -178,6 +178,47 @@ def test_it_does_not_matter_how_time_is_cut_into_windows(seed: int, cuts: list[i
     assert state.in_flight.tolist() == whole_state.in_flight.tolist()
 
 
+@pytest.mark.parametrize('n_neurons', [1, 3, 4])
+def test_each_neuron_is_as_it_would_be_alone(n_neurons: int) -> None:
+    """Neurons are integrated two at a time, which changes nothing, also where one is left over."""
+    rng = np.random.default_rng(5)
+    weights_pa = rng.uniform(500, 2500, (n_neurons, 4))
+    dopamine = rng.uniform(-1, 1, n_neurons)
+    together = resting_plastic_state(weights_pa, DELAYS)._replace(dopamine=dopamine)
+    alone = [
+        resting_plastic_state(weights_pa[[i]], DELAYS)._replace(dopamine=dopamine[[i]])
+        for i in range(n_neurons)
+    ]
+    for _ in range(3):
+        inputs = random_inputs(rng)
+        together, fired = run_plastic_network(together, inputs, CONSTANTS, NEST)
+        assert len(fired) > 0
+        for i in range(n_neurons):
+            alone[i], own = run_plastic_network(alone[i], inputs, CONSTANTS, NEST)
+            assert own['step'].tolist() == fired['step'][fired['source'] == i].tolist()
+            assert alone[i].weights_pa[0].tolist() == together.weights_pa[i].tolist()
+            assert alone[i].eligibility[0].tolist() == together.eligibility[i].tolist()
+
+
+@pytest.mark.parametrize('silent_windows', [1, 2, 40, 400])
+def test_a_neuron_that_fell_silent_is_forgotten_exponentially(silent_windows: int) -> None:
+    """Its only spike is at 7 ms, the relay's some windows of 50 ms later.
+
+    The spike was at the synapse's end at 8 ms, and the relay's arrives at 12 ms of its window, so
+    that K_minus has decayed for 4 ms and all windows between, to less than any number after 400.
+    """
+    state = resting_plastic_state(np.zeros((1, 1)), DELAYS)
+    state, fired = run_plastic_network(state, no_spikes(), STEADY, NEST, 100)
+    assert fired['step'].tolist() == [69]
+    state, _ = run_plastic_network(state, no_spikes(), CONSTANTS, NEST, 400)
+    for _ in range(silent_windows - 1):
+        state, _ = run_plastic_network(state, no_spikes(), CONSTANTS, NEST)
+    state, _ = run_plastic_network(state, spikes((109, 0)), CONSTANTS, NEST)
+    # The eligibility decays from 12 ms to the window's end.
+    expected = -math.exp(-(4 + 50 * silent_windows) / 20) * math.exp(-(50 - 12) / 1000)
+    assert state.eligibility[0, 0] == pytest.approx(expected, rel=1e-12)
+
+
 def test_without_dopamine_it_is_the_static_network_bit_for_bit() -> None:
     """Neurons and spikes as `run_network` has them, weights untouched."""
     rng = np.random.default_rng(1)
