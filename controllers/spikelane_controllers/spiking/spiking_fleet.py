@@ -58,7 +58,8 @@ class SpikingFleet:
                 record. Only `learning` and `checkpoint` may differ: the rows have both.
         """
         controller = self.controllers[robot]
-        if _shared(controller.parameters) != _shared(self._parameters):
+        parameters = controller.parameters
+        if parameters != self._parameters and _shared(parameters) != _shared(self._parameters):
             raise ParameterError('fleet: expected controllers with the same parameters')
         _check_no_recording(controller)
         self._chance[robot] = controller.rng
