@@ -53,6 +53,8 @@ NETWORK_DTYPE = np.dtype(
     [('neuron', CONSTANTS_DTYPE), ('synapse', RULE_DTYPE), ('window', '<i8')]  # [grid steps]
 )
 
+#: So few neurons need no sort to list their spikes.
+_FEW = 8
 #: From here on exp(-x) is 0.
 _NOTHING_REMAINS = 746.0
 
@@ -313,7 +315,7 @@ def run(
         _run_neurons(neurons, synapses, posts, counts, *most, i, (0, 1))
     if number % 2:
         _run_neurons(neurons, synapses, posts, counts, *most, number - 1, (0,))
-    n_fired = _list_fired(posts, earlier, counts, fired)
+    n_fired = _list_fired(posts, earlier, counts, window, fired)
     for i in range(number):
         dopamine[i] *= tables[rule.interval + window, 1]
         counts[i] = _forget(posts[i], counts[i], window, window - rule.delay - rule.interval)
@@ -403,8 +405,13 @@ def _run_neurons(
 
 
 @inner
-def _list_fired(posts: Any, earlier: Any, counts: Any, fired: Spikes) -> int:
-    """List the neurons' spikes of this window in the order of grid steps; return how many."""
+def _list_fired(posts: Any, earlier: Any, counts: Any, window: int, fired: Spikes) -> int:
+    """List the neurons' spikes of this window in the order of grid steps; return how many.
+
+    Spikes of the same step are in the order of neurons.
+    """
+    if len(counts) > _FEW:
+        return int(_sort_fired(posts, earlier, counts, window, fired))
     following = earlier.copy()
     n_fired: int = (counts - earlier).sum()
     for k in range(n_fired):
@@ -416,4 +423,24 @@ def _list_fired(posts: Any, earlier: Any, counts: Any, fired: Spikes) -> int:
                 first = i
         fired[k].step, fired[k].source = posts[first, following[first]].stamp - 1, first
         following[first] += 1
+    return n_fired
+
+
+@inner
+def _sort_fired(posts: Any, earlier: Any, counts: Any, window: int, fired: Spikes) -> int:
+    """Do so with a counting sort, whose time grows with spikes and grid steps alone."""
+    place = np.zeros(window + 1, np.int64)  # of the next spike with this stamp
+    for i in range(len(counts)):
+        for k in range(earlier[i], counts[i]):
+            place[posts[i, k].stamp] += 1
+    n_fired = 0
+    for stamp in range(1, window + 1):
+        number = place[stamp]
+        place[stamp] = n_fired
+        n_fired += number
+    for i in range(len(counts)):
+        for k in range(earlier[i], counts[i]):
+            stamp = posts[i, k].stamp
+            fired[place[stamp]].step, fired[place[stamp]].source = stamp - 1, i
+            place[stamp] += 1
     return n_fired

@@ -178,7 +178,7 @@ def test_it_does_not_matter_how_time_is_cut_into_windows(seed: int, cuts: list[i
     assert state.in_flight.tolist() == whole_state.in_flight.tolist()
 
 
-@pytest.mark.parametrize('n_neurons', [1, 3, 4])
+@pytest.mark.parametrize('n_neurons', [1, 3, 4, 20])
 def test_each_neuron_is_as_it_would_be_alone(n_neurons: int) -> None:
     """Neurons are integrated two at a time, which changes nothing, also where one is left over."""
     rng = np.random.default_rng(5)
@@ -193,6 +193,7 @@ def test_each_neuron_is_as_it_would_be_alone(n_neurons: int) -> None:
         inputs = random_inputs(rng)
         together, fired = run_plastic_network(together, inputs, CONSTANTS, NEST)
         assert len(fired) > 0
+        assert fired.tolist() == sorted(fired.tolist())  # by grid step, then by neuron
         for i in range(n_neurons):
             alone[i], own = run_plastic_network(alone[i], inputs, CONSTANTS, NEST)
             assert own['step'].tolist() == fired['step'][fired['source'] == i].tolist()
