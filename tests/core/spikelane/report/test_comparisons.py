@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from spikelane.report.comparisons import comparisons, representative_laps
-from spikelane.report.figures import draw_figures
+from spikelane.report.drawing import draw_figures
 from spikelane.report.runs import Lap, LeftOut, Runs
 
 

@@ -1,7 +1,4 @@
-"""The report's figures, each drawn from the files of runs, and named by what it shows.
-
-What cannot be drawn because no run has what it takes is named with the reason.
-"""
+"""The report's figures, each drawn from the files of runs, and named by what it shows."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from spikelane.experiment.sweeps import swept_parameters
-from spikelane.interruption import check
 from spikelane.report.comparisons import (
     Comparison,
     comparisons,
@@ -20,7 +16,6 @@ from spikelane.report.comparisons import (
     representative_laps,
 )
 from spikelane.report.groups import by_key, PAPER_LANE, seeds_in_words
-from spikelane.report.kinds import UNUSABLE
 from spikelane.report.labels import (
     bar_label,
     file_name,
@@ -28,12 +23,10 @@ from spikelane.report.labels import (
     title_of,
     words_of,
 )
-from spikelane.report.missing import missing
 from spikelane.report.runs import (
     Conditions,
     course_of,
     Lap,
-    LeftOut,
     Runs,
     TrainingRun,
     TransferRun,
@@ -43,86 +36,31 @@ from spikelane_controllers.learning.results import Figure
 from spikelane_controllers.registry import cards, hook, title
 from spikelane_sim import figure_style as style
 from spikelane_sim.encoding import StateImageParameters
-from spikelane_sim.errors import SpikelaneError
-from spikelane_sim.files import WriteError
 
 
-class Drawn(NamedTuple):
-    """A figure that is drawn.
+class ReportFigure(NamedTuple):
+    """A figure to be drawn.
 
     Attributes:
         heading: Heading of the part of the page it belongs to.
+        name: Name of its files.
         caption: What it shows, of which run.
-        files: Its files; the smallest is shown.
+        draw: Draws it, and returns its files.
     """
 
     heading: str
-    caption: str
-    files: tuple[Path, ...]
-
-
-#: Shows what is being drawn.
-OnFigure = Callable[[str], None]
-
-
-class Figures(NamedTuple):
-    """What came of drawing.
-
-    Attributes:
-        drawn: The figures in the order of the page.
-        left_out: What could not be drawn, and why.
-        unwritten: Names of the figures that could not be written, with the errors.
-    """
-
-    drawn: list[Drawn]
-    left_out: list[LeftOut]
-    unwritten: dict[str, WriteError]
-
-
-def draw_figures(runs: Runs, folder: Path, show: OnFigure) -> Figures:
-    """Draw all figures that these runs have something for.
-
-    Args:
-        runs: To draw.
-        folder: Folder of the files.
-        show: Called with the name of what is being drawn.
-    """
-    drawn: list[Drawn] = []
-    left_out: list[LeftOut] = []
-    unwritten: dict[str, WriteError] = {}
-    for each in _all(runs, folder):
-        show(each.name)
-        check()
-        try:
-            drawn.append(Drawn(each.heading, each.caption, each.draw()))
-        except SpikelaneError as error:
-            left_out.append(LeftOut(each.caption, str(error)))
-            if isinstance(error, WriteError):
-                unwritten[each.name] = error
-        except KeyError as error:
-            left_out.append(
-                LeftOut(
-                    each.caption,
-                    f'the run was made with another version of Spikelane and lacks {error}',
-                )
-            )
-        except UNUSABLE as error:
-            # A file of one run is damaged: it must not cost the report of all others.
-            left_out.append(LeftOut(each.caption, f'a file of the run is damaged: {error}'))
-    return Figures(drawn, left_out + list(missing(runs)), unwritten)
-
-
-class _Figure(NamedTuple):
-    """A figure to be drawn."""
-
-    heading: str
-    name: str  # of its files
+    name: str
     caption: str
     draw: Callable[[], tuple[Path, ...]]
 
 
-def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
-    """Yield the figures in the paper's order."""
+def all_figures(runs: Runs, folder: Path) -> Iterator[ReportFigure]:
+    """Yield the figures that these runs have something for, in the paper's order.
+
+    Args:
+        runs: To draw.
+        folder: Folder of the files.
+    """
     yield from _of_the_task(folder)
     chosen = representative_laps(runs.laps)
     yield from _of_a_lap(chosen, folder)
@@ -140,16 +78,16 @@ def _all(runs: Runs, folder: Path) -> Iterator[_Figure]:
             yield _sweep(swept, parameter, number, folder)
 
 
-def _of_the_task(folder: Path) -> Iterator[_Figure]:
+def _of_the_task(folder: Path) -> Iterator[ReportFigure]:
     from spikelane.figures.scenarios import draw_scenarios
 
     caption = 'The course and its three scenarios'
-    yield _Figure(
+    yield ReportFigure(
         'Task', 'scenarios', caption, lambda: draw_scenarios(folder / 'scenarios', 'The course')
     )
 
 
-def _of_controllers(folder: Path) -> Iterator[_Figure]:
+def _of_controllers(folder: Path) -> Iterator[ReportFigure]:
     """Yield what is drawn of controllers themselves, whatever runs there are."""
     for name, found in cards().items():
         if found.figures:
@@ -157,7 +95,7 @@ def _of_controllers(folder: Path) -> Iterator[_Figure]:
                 yield _drawn_by(figure, folder / figure.name, '', title(name))
 
 
-def _drawn_by(figure: Figure, path: Path, words: str, name: str) -> _Figure:
+def _drawn_by(figure: Figure, path: Path, words: str, name: str) -> ReportFigure:
     """Return a controller's figure as one of the report's.
 
     Args:
@@ -167,10 +105,10 @@ def _drawn_by(figure: Figure, path: Path, words: str, name: str) -> _Figure:
         name: Title in the figure.
     """
     caption = f'{figure.caption}, {words}' if words else figure.caption
-    return _Figure(figure.heading, path.name, caption, lambda: figure.draw(path, name))
+    return ReportFigure(figure.heading, path.name, caption, lambda: figure.draw(path, name))
 
 
-def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
+def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[ReportFigure]:
     """Yield what is drawn of one lap with what its camera saw, in the first scenario there is."""
     from spikelane.figures.animation import draw_animation
     from spikelane.figures.state_input import draw_state_input
@@ -199,11 +137,13 @@ def _of_a_lap(chosen: Mapping[Place, Lap], folder: Path) -> Iterator[_Figure]:
         file = folder / 'state_input'
         return draw_state_input(events[:last], image_size, file, 'State input')
 
-    yield _Figure('A lap', 'animation', f'Camera events next to the course: {words}', draw_moving)
-    yield _Figure('Task', 'state_input', f'State input, half way: {words}', draw_state)
+    yield ReportFigure(
+        'A lap', 'animation', f'Camera events next to the course: {words}', draw_moving
+    )
+    yield ReportFigure('Task', 'state_input', f'State input, half way: {words}', draw_state)
 
 
-def _of_results(runs: Sequence[TrainingRun | TransferRun], folder: Path) -> Iterator[_Figure]:
+def _of_results(runs: Sequence[TrainingRun | TransferRun], folder: Path) -> Iterator[ReportFigure]:
     """Yield what runs that learn have to show: of each group, the one in the middle."""
     for key, group in by_key(runs).items():
         run = median_run(group, lambda each: float(each.results.sort_key()))
@@ -216,7 +156,7 @@ def _of_results(runs: Sequence[TrainingRun | TransferRun], folder: Path) -> Iter
 
 def _compared(
     comparison: Comparison, chosen: Mapping[Place, Lap], laps: Sequence[Lap], folder: Path
-) -> _Figure:
+) -> ReportFigure:
     from spikelane.figures.comparison import draw_comparison
 
     scenario, lane, number, of, keys = comparison
@@ -233,7 +173,7 @@ def _compared(
         for key, lap in zip(keys, shown, strict=True)
     )
     caption = f'Deviation over the first lap, scenario {scenario}, {lane} lane{part}. {seeds}'
-    return _Figure('Laps', comparison.name, caption, draw)
+    return ReportFigure('Laps', comparison.name, caption, draw)
 
 
 def _which(lap: Lap, group: Sequence[Lap]) -> str:
@@ -249,12 +189,12 @@ def _which(lap: Lap, group: Sequence[Lap]) -> str:
     return f'{words}, of median error of {of}; not shown: {len(others)} of seeds {seeds}'
 
 
-def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
+def _robustness(conditions: Conditions, number: int, folder: Path) -> ReportFigure:
     from spikelane.figures.robustness import draw_robustness
 
     title = str(conditions.results.get('name', 'Robustness')).capitalize()
     name = 'robustness' if number == 0 else f'robustness_{number + 1}'
-    return _Figure(
+    return ReportFigure(
         'Robustness',
         name,
         f'Error and share of laps completed under difficulties: {conditions.folder}',
@@ -262,12 +202,12 @@ def _robustness(conditions: Conditions, number: int, folder: Path) -> _Figure:
     )
 
 
-def _sweep(swept: Conditions, parameter: str, number: int, folder: Path) -> _Figure:
+def _sweep(swept: Conditions, parameter: str, number: int, folder: Path) -> ReportFigure:
     from spikelane.figures.sweep import draw_sweep
 
     name = f'sweep_{number + 1}_{parameter}'.replace('.', '_')
     heading = str(swept.results.get('name', 'Sweep')).replace('_', ' ').capitalize()
-    return _Figure(
+    return ReportFigure(
         'Sweeps',
         name,
         f'What {parameter} changes: {swept.folder}',
@@ -282,7 +222,7 @@ def first_lap_of(lap: Lap) -> Trajectory:
     return first_lap(_trajectory(lap))
 
 
-def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
+def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> ReportFigure:
     from spikelane.figures.training_time import draw_training_time, TrainingTimes
 
     groups = by_key(trainings)
@@ -304,7 +244,7 @@ def _training_time(trainings: Sequence[TrainingRun], folder: Path) -> _Figure:
         'Training time: simulated steps to the first lap and to stable driving, Kaplan-Meier '
         'medians over all trainings'
     )
-    return _Figure('Training time', 'training_time', caption, draw)
+    return ReportFigure('Training time', 'training_time', caption, draw)
 
 
 def _trajectory(lap: Lap) -> Trajectory:

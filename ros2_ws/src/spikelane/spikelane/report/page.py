@@ -7,12 +7,10 @@ from pathlib import Path
 import shlex
 from typing import Any
 
-from spikelane.report.collect import collect
+from spikelane.report.drawing import draw_figures, Drawn, OnFigure, runs_to_draw
 from spikelane.report.embedding import Embedded, embedded
-from spikelane.report.figures import draw_figures, Drawn, OnFigure
 from spikelane.report.groups import PLACE, place_in_words, Table
 from spikelane.report.markdown import tables_in_markdown
-from spikelane.report.naming import name_settings
 from spikelane.report.origin import all_commands, Commands, made_with, NOT_RECORDED
 from spikelane.report.runs import LeftOut, Runs
 from spikelane.report.tables import all_tables
@@ -51,10 +49,9 @@ def write_report(
         FileError: A file cannot be written; the message says what the report lacks because of it.
     """
     show('reading')
-    runs = collect(paths)
-    name_settings(runs)
+    runs = runs_to_draw(paths)
     tables = all_tables(runs)
-    figures, not_drawn, unwritten = draw_figures(runs, out / 'figures', show)
+    figures, not_drawn, unwritten = draw_figures(runs, out / 'figures', show, paths)
     commands, not_told = all_commands(runs)
     left_out = [*runs.left_out, *not_drawn, *not_told]
     command = shlex.join(['./spikelane', 'report', *map(str, paths)])
