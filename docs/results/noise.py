@@ -132,6 +132,9 @@ def cases() -> dict[str, Case]:
     longer = {**FILTER, 'correlation.window_s': 0.02}
     hundred = tuple(f'random:{number}' for number in range(100))
     found['rstdp shipped, random, 20 ms 1 Hz'] = Case(*shipped, _esim(1.0), longer, hundred, (0,))
+    behind_20_ms = 'rstdp', 'train-rstdp-1-rigid-esim-smooth-filtered_20ms-seed{}'
+    found['rstdp 20 ms, scenario 1 1 Hz'] = Case(*behind_20_ms, _esim(1.0), longer, laps=LAPS)
+    found['rstdp 20 ms, random 1 Hz'] = Case(*behind_20_ms, _esim(1.0), longer, random)
     q_network = 'train-dqn-1-rigid-best-seed{}'
     found['dqn scenario 1 1 Hz'] = Case(
         'dqn', q_network, _esim(1.0), FILTER, parameters={'averaged': True}
@@ -147,14 +150,15 @@ def cases() -> dict[str, Case]:
     found['dqn_snn shipped, scenario 1 1 Hz'] = Case(
         'dqn_snn', '!scenario_1', _esim(1.0), FILTER, seeds=(0, 1)
     )
+    with_noise = 'dqn_snn', 'transfer-dqn_snn-1-rigid-esim-smooth-filtered-seed{}'
+    frames = {'encoding.frames': 10}
     found['dqn_snn trained with noise, scenario 1 1 Hz'] = Case(
-        'dqn_snn',
-        'transfer-dqn_snn-1-rigid-esim-smooth-filtered-seed{}',
-        _esim(1.0),
-        FILTER,
-        parameters={'encoding.frames': 10},
-        laps=LAPS,
+        *with_noise, _esim(1.0), FILTER, parameters=frames, laps=LAPS
     )
+    for name, filters in (('', FILTER), (', 20 ms', longer)):
+        found[f'dqn_snn trained with noise, random{name} 1 Hz'] = Case(
+            *with_noise, _esim(1.0), filters, hundred, (0,), parameters=frames
+        )
     for controller, folders in RANDOMISATION.items():
         parameters = {'averaged': True} if controller == 'dqn' else {}
         for variant, folder in folders.items():
