@@ -38,7 +38,7 @@ from spikelane_controllers.spiking.spikes import Spikes
 from spikelane_sim.contract import Observation, WheelVelocities
 from spikelane_sim.encoding import Counts, StateImage, StateImageParameters
 from spikelane_sim.events import no_events
-from spikelane_sim.parameters import check_size, nested, parameter
+from spikelane_sim.parameters import check_size, nested, parameter, Parameters
 from spikelane_sim.period import TimedParameters
 from spikelane_sim.task import action_wheels, ActionParameters, ACTIONS
 
@@ -57,20 +57,27 @@ class FrameParameters(StateImageParameters):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DqnSnnParameters(TimedParameters):
-    """The DQN-SNN controller."""
+class SpikingParameters(Parameters):
+    """How the network spikes, and how actions follow from its spikes."""
 
-    checkpoint: str = parameter(
-        'scenario_1',
-        "The network: the name of a shipped one, the path of a transfer's folder or of a "
-        'checkpoint.',
-    )
     trace_decay: float = parameter(
         0.8,
         'Factor by which an action trace decays in 50 ms (c in the paper).',
         low=0.0,
         high=1.0,
         source="the authors' program",
+    )
+    neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DqnSnnParameters(TimedParameters, SpikingParameters):
+    """The DQN-SNN controller."""
+
+    checkpoint: str = parameter(
+        'scenario_1',
+        "The network: the name of a shipped one, the path of a transfer's folder or of a "
+        'checkpoint.',
     )
     event_value: float = parameter(
         0.0,
@@ -80,7 +87,6 @@ class DqnSnnParameters(TimedParameters):
         high=1.0,
     )
     encoding: FrameParameters = nested(FrameParameters)
-    neurons: IntegrateAndFireParameters = nested(IntegrateAndFireParameters)
     actions: ActionParameters = nested(ActionParameters)
 
     def _check_relations(self) -> None:

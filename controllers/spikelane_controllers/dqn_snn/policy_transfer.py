@@ -204,7 +204,15 @@ class PolicyTransfer:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'checkpoint.safetensors'
             self.save(path, {})
-            return DqnSnn(DqnSnnParameters(checkpoint=str(path), encoding=encoding))
+            driving = self._transfer.driving
+            parameters = DqnSnnParameters(
+                checkpoint=str(path),
+                encoding=encoding,
+                period_ms=self._request.simulator.period_ms,
+                trace_decay=driving.trace_decay,
+                neurons=driving.neurons,
+            )
+            return DqnSnn(parameters)
 
     def _policy(self) -> Dqn:
         """Return the Q-network that acts greedily, of the size it was trained in."""

@@ -25,10 +25,11 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_controllers.dqn_snn.controller import SpikingParameters
 from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
 from spikelane_controllers.dqn_snn.transferred import InputScale
 from spikelane_sim.errors import ParameterError, SpikelaneError
-from spikelane_sim.parameters import MOST_STEPS, parameter, Parameters
+from spikelane_sim.parameters import MOST_STEPS, nested, parameter, Parameters
 
 if TYPE_CHECKING:
     import torch
@@ -74,6 +75,7 @@ class TransferParameters(Parameters):
         low=0,
         high=100,
     )
+    driving: SpikingParameters = nested(SpikingParameters)  # in these rounds
     maximum: int = parameter(
         0,
         'Events in a cell at which its input is 1; 0: the largest number in any state.',

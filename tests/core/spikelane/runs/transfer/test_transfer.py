@@ -18,6 +18,8 @@ from spikelane_controllers.checkpoint import read_checkpoint, write_checkpoint
 from spikelane_controllers.dqn.learnt_network import Q_NETWORK
 from spikelane_controllers.dqn.q_network import initial_network, QNetworkParameters
 from spikelane_controllers.dqn.visited_states import StateStore
+from spikelane_controllers.dqn_snn import policy_transfer
+from spikelane_controllers.dqn_snn.controller import DqnSnn, DqnSnnParameters
 from spikelane_controllers.dqn_snn.normalisation import normalise
 from spikelane_controllers.dqn_snn.transferred import read_transferred
 
@@ -147,6 +149,45 @@ def test_the_spiking_network_drives_and_learns_of_where_it_goes(dqn: Path, tmp_p
     assert learnt['held_out_states'] in range(21, 31)  # of 210 states in 22 episodes
     again = printed(*command, *limit, *asked, '--out', str(tmp_path / 'again'))
     assert again['accuracy'] == learnt['accuracy']
+
+
+def test_in_rounds_it_drives_with_the_parameters_asked_for(dqn: Path, tmp_path: Path) -> None:
+    """It goes elsewhere with other neurons, so that it learns from other states."""
+    command = ('transfer', '--checkpoint', str(dqn), *QUICK)
+    command += ('--param', 'simulator.episode.max_steps=100', '--param', 'transfer.rounds=1')
+    asked = {
+        'default': (),
+        'stated': ('trace_decay=0.8', 'neurons.simulated_ms=10'),
+        'other': ('trace_decay=0.0', 'neurons.threshold_mv=0.1'),
+    }
+    networks = {}
+    for name, values in asked.items():
+        options = [word for each in values for word in ('--param', f'transfer.driving.{each}')]
+        run_folder = printed(*command, *options, '--out', str(tmp_path / name))['folder']
+        network = read_transferred(run_folder, 512, 3).network
+        networks[name] = b''.join(each.tobytes() for each in network)
+    assert networks['default'] == networks['stated'] != networks['other']
+
+
+def test_in_rounds_it_drives_with_the_control_period(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a Q-network was trained with 25 ms, so does the network that learns from it."""
+    made: list[DqnSnnParameters] = []
+
+    class Noted(DqnSnn):
+        def __init__(self, parameters: DqnSnnParameters) -> None:
+            made.append(parameters)
+            super().__init__(parameters)
+
+    monkeypatch.setattr(policy_transfer, 'DqnSnn', Noted)
+    short = ('--param', 'simulator.period_ms=25')
+    train = ('train', 'dqn', '--robot', 'kinematic', '--steps', '60', '--seed', '3', *short)
+    learnt = printed(*train, '--out', str(tmp_path / 'dqn'))['folder']
+    command = ('transfer', '--checkpoint', learnt, *QUICK, *short, '--no-from-training')
+    rounds = ('--param', 'transfer.rounds=1', '--out', str(tmp_path / 'rounds'))
+    assert printed(*command, *rounds)['states_from'] == {'gathered': 60, 'round 1': 60}
+    assert [each.period_ms for each in made] == [25]
 
 
 def test_the_robot_drives_with_it(done: dict[str, Any], tmp_path: Path) -> None:
