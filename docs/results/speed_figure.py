@@ -24,6 +24,11 @@ from spikelane_sim.figure_style import (
 
 #: Share of laps completed from which on their mean error is drawn.
 ALMOST_ALL = 0.8
+#: Parts of the data with laps of what was trained at the speed.
+GOALS = (
+    'goal',
+    *(f'{what} {scenario}' for what in ('networks', 'racer') for scenario in (1, 2, 3)),
+)
 COLOURS = {'rstdp': LEFT, 'braitenberg': INK, 'dqn': RIGHT, 'dqn_snn': SERIES[2]}
 
 
@@ -32,7 +37,7 @@ def show(data: pd.DataFrame, path: Path) -> None:
     data = data.assign(completed=data['completed'].astype(bool))
     columns = ('controller', 'engine', 'scenario', 'lane', 'laps', 'mean speed', 'mean error')
     print(table_header(*columns))
-    for part in ('goal', 'networks 1', 'networks 2', 'networks 3', 'racer'):
+    for part in GOALS:
         of = data[data['part'] == part]
         for _, laps in of.groupby(['controller', 'engine', 'scenario', 'lane'], sort=False):
             print_row(*goal_cells(laps))
