@@ -9,6 +9,7 @@ from spikelane_sim.course import Course, load_course
 from spikelane_sim.curve import poses_along
 from spikelane_sim.events import EVENT_DTYPE
 from spikelane_sim.pixels.coppelia import CoppeliaParameters, CoppeliaPixels
+from spikelane_sim.raster import render
 
 
 def random_poses(course: Course, number: int) -> np.ndarray:
@@ -25,7 +26,8 @@ def random_poses(course: Course, number: int) -> np.ndarray:
 
 @pytest.mark.parametrize('course', ['scenario_1', 'scenario_3', 'random:7'])
 @pytest.mark.parametrize(
-    ('width', 'height', 'background'), [(128, 128, 0.0), (100, 60, 0.3), (200, 90, 0.3)]
+    ('width', 'height', 'background'),
+    [(128, 128, 0.0), (100, 60, 0.3), (200, 90, 0.3), (346, 300, 0.3)],
 )
 def test_images_are_those_of_the_camera(
     course: str, width: int, height: int, background: float
@@ -46,6 +48,23 @@ def test_images_are_those_of_the_camera(
     assert n_markings > 3000
     pose[0] = np.nan
     assert not render_planes(ground.pieces, True, camera.lens, pose, width, planes)
+
+
+def test_a_course_may_have_any_number_of_markings() -> None:
+    """They are looked for in parts; here each of 120 is there seven times, out of order."""
+    course = load_course('scenario_1')
+    camera, pieces = Camera(CameraParameters(), course), course.ground.pieces
+    many = np.random.default_rng(3).permutation(np.repeat(pieces, 7, axis=0))
+    assert len(many) == 840
+    few_planes, many_planes = (np.empty((2, 128, 2), np.uint64) for _ in range(2))
+    few_image, many_image = (np.empty((128, 128), np.float32) for _ in range(2))
+    for pose in random_poses(course, 20):
+        assert render_planes(pieces, True, camera.lens, pose, 128, few_planes)
+        assert render_planes(many, True, camera.lens, pose, 128, many_planes)
+        assert np.array_equal(many_planes, few_planes)
+        assert render(pieces, 0.2, 0.9, camera.lens, pose, 1, few_image)
+        assert render(many, 0.2, 0.9, camera.lens, pose, 1, many_image)
+        assert np.array_equal(many_image, few_image)
 
 
 def test_events_are_those_of_the_pixels() -> None:
