@@ -345,8 +345,10 @@ def _draw_shares(axes: Axes, data: pd.DataFrame) -> None:
     axes.axvline(95, color=RIGHT, linewidth=0.8)
     words = [
         _words(name)
-        .replace(' shipped, random courses', ' random')
+        .replace('random courses', 'random')
+        .replace('R-STDP, shipped', 'R-STDP shipped')
         .replace('trained with noise, scenario 1', 'noisy training')
+        .replace('trained with noise, random', 'random')
         for name in names
     ]
     axes.set_yticks(range(len(words)), words, fontsize=8)
