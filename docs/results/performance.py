@@ -235,6 +235,8 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=DATA, help='the data (%(default)s)')
     parser.add_argument('--page', type=Path, default=PAGE, help='the page (%(default)s)')
     options = parser.parse_args()
+    if options.what == 'measure' and (unknown := sorted(set(options.named) - set(SIZES))):
+        parser.error(f'named: expected {", ".join(SIZES)}, got {", ".join(unknown)}')
     if options.what == 'one':
         name, size, other = options.named
         measure_here(name, int(size), int(other), QUICK if options.quick else FULL)

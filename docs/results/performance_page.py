@@ -46,6 +46,7 @@ def number(value: float) -> str:
 def tell_machine(data: pd.DataFrame) -> str:
     """Return what it was measured on, and how much else that had to do."""
     low, high = data['load'].min(), data['load'].max()
+    machines = ' and '.join(data['machine'].unique())
     processors = int(str(data['machine'].iloc[0]).split()[0])
     busy = (
         'The machine was busy with other work, so that wall times and what two threads gain say '
@@ -56,7 +57,7 @@ def tell_machine(data: pd.DataFrame) -> str:
     return (
         'The numbers and tables of this page are from [the data](results/performance.csv). '
         f'Each size was measured {data["repeats"].max()} times (on Ray once), after one time that '
-        f'does not count. Measured on {data["machine"].iloc[0]}, with a load average (of one '
+        f'does not count. Measured on {machines}, with a load average (of one '
         'minute, before each '
         f'measurement) of {low:.1f} to {high:.1f}. {busy}\n\n{FIGURE}'
     )

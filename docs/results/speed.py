@@ -81,7 +81,7 @@ def goal() -> Rows:
     for scenario in SCENARIOS:
         setting = Setting('rstdp', TRAINED, 1.2, 10)
         weights, losses = train(setting, scenario, MANY)
-        # A smaller reward makes errors smaller in the end; no lane is lost any more.
+        # A smaller reward at the end makes the errors smaller.
         weights, more = train(
             setting, scenario, MANY, c_r=SETTLING_C_R, seconds=SETTLING_S, begin=weights
         )

@@ -111,7 +111,7 @@ def laps_in_fleet(
     lane: str,
     first_seed: int = LAP_SEED,
 ) -> list[Driven]:
-    """Drive laps of a lane, each with weights of its own and the seed that comes first more."""
+    """Drive a lap of the lane for each seed with its weights; the lap has first_seed + seed."""
     lap_seeds = [first_seed + seed for seed in seeds]
     with Fleet(
         setting.controller,

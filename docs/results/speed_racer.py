@@ -23,7 +23,7 @@ from spikelane_sim.contract import TERMINATED_LAPS_COMPLETE
 SEEDS = range(10)
 #: Full speed asked for on a straight lane.
 FULL_M_S = 4.42
-#: Seeds of the laps that weights are chosen by: other laps than those that are told of.
+#: First seeds of the laps that weights are chosen by; the laps of the table have other seeds.
 CHOICE_SEEDS = (5000, 6000)
 
 

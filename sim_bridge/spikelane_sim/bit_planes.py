@@ -126,10 +126,9 @@ def _draw(scan, first, last, width, plane):  # type: ignore[no-untyped-def]
 
 @inner(error_model='numpy')
 def _draw_rows(scan, first, last, width, spans, plane):  # type: ignore[no-untyped-def]
-    """Do so for as many rows as there is room for in spans, (2, n).
+    """Set these bits in rows first to last, at most as many as `spans`, (2, n), has room for.
 
-    Bound after bound is taken to all rows, instead of row after row to all bounds: so the compiler
-    makes vector instructions of it.
+    Each bound is applied to all rows in turn, so that the compiler can use vector instructions.
     """
     begin, end = spans[0], spans[1]  # of row first + k
     number = last - first

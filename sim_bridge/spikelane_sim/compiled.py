@@ -38,5 +38,6 @@ def copy(source, to):  # type: ignore[no-untyped-def]
 
 
 #: As `inner`, but the function becomes a part of its callers before these are compiled. It is for
-#: functions with one caller: the compiler optimises a function again in each one around it.
+#: functions with one caller, since the compiler optimises a function again in each one around it,
+#: and for those that return an array on the stack of their caller.
 inlined = functools.partial(inner, inline='always')

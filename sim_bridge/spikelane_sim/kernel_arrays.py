@@ -26,12 +26,22 @@ def borrowed(typing_context: Any, value: Any) -> Any:
         typing_context: Numba's.
         value: An array, or a tuple of arrays, numbers and such tuples, which the caller keeps.
     """
+    _check_countless(value)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         found = _without_owner(context, builder, signature.args[0], arguments[0])
         return impl_ret_new_ref(context, builder, signature.return_type, found)
 
     return value(value), generate
+
+
+def _check_countless(kind: Any) -> None:
+    """Check that a value has no references but those of arrays, of which `borrowed` takes care."""
+    if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]  # numba has it
+        for each in tuple(kind):
+            _check_countless(each)
+    elif kind != types.none and not isinstance(kind, types.Array | types.Number | types.Boolean):
+        raise errors.TypingError(f'value: expected arrays, numbers and tuples of them, got {kind}')
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
@@ -52,16 +62,17 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 def stack_array(typing_context: Any, shape: Any, dtype: Any) -> Any:
     """Return, inside a kernel, an uninitialised array that is gone when the function returns.
 
-    It must not be returned, nor be kept anywhere.
+    It must not be kept anywhere, nor be returned, but by an `inlined` function, whose arrays are
+    those of its caller.
 
     Args:
         typing_context: Numba's.
-        shape: A tuple of numbers that are written down in the call: at most a few hundred values.
+        shape: A tuple of integer literals: at most a few hundred values.
         dtype: Type of its values, as `np.float64`.
     """
     sizes = tuple(shape) if isinstance(shape, types.BaseTuple) else ()  # type: ignore[attr-defined]
     if not sizes or not all(isinstance(each, types.IntegerLiteral) for each in sizes):
-        raise errors.TypingError('shape: expected a tuple of numbers written down in the call')
+        raise errors.TypingError(f'shape: expected a tuple of integer literals, got {shape}')
     lengths = [each.literal_value for each in sizes]
     kind = types.Array(dtype.dtype, len(lengths), 'C')
 

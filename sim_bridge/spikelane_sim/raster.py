@@ -23,7 +23,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import inlined, inner
 from spikelane_sim.kernel_arrays import stack_array
 
 Array = NDArray[np.float64]
@@ -68,9 +68,9 @@ class Scan(NamedTuple):
     squared: Array
 
 
-@numba.njit(cache=True, inline='always')
+@inlined
 def empty_scan():  # type: ignore[no-untyped-def]
-    """Return a `Scan` on the stack of the caller, which this function becomes a part of."""
+    """Return a `Scan` on the stack of the caller."""
     return Scan(
         stack_array((6, 2), np.float64),
         stack_array((6, 2), np.float64),

@@ -7,6 +7,7 @@ normalised, and its firing rates are compared with the activations that they sta
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import dataclasses
 from pathlib import Path
 import tempfile
 from typing import Any, ClassVar
@@ -77,7 +78,8 @@ class PolicyTransfer:
         """Prepare the transfer.
 
         Raises:
-            ParameterError: The network or its batches would be too large.
+            ParameterError: The network or its batches would be too large, or the spiking network
+                cannot drive with the control period.
         """
         self._request = request
         gathering, transfer = (request.parameters[name] for name in self.parameters_classes)
@@ -89,6 +91,11 @@ class PolicyTransfer:
         }
         check_size('weights', {**inputs, 'transfer.hidden': transfer.hidden}, MOST_WEIGHTS)
         check_size('values', {**inputs, 'transfer.batch_size': transfer.batch_size}, 1e8)
+        if transfer.rounds:
+            try:
+                self._driving()
+            except ParameterError as error:
+                raise ParameterError(f'transfer.driving: {error}') from None
 
     @staticmethod
     def has_states(checkpoint: Path) -> bool:
@@ -200,19 +207,24 @@ class PolicyTransfer:
 
     def _spiking(self) -> DqnSnn:
         """Return the controller of the network as it is, which sees as many steps as a state."""
-        encoding = FrameParameters.from_mapping(self._gathering.encoding.to_dict())
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / 'checkpoint.safetensors'
             self.save(path, {})
-            driving = self._transfer.driving
-            parameters = DqnSnnParameters(
-                checkpoint=str(path),
-                encoding=encoding,
-                period_ms=self._request.simulator.period_ms,
-                trace_decay=driving.trace_decay,
-                neurons=driving.neurons,
-            )
-            return DqnSnn(parameters)
+            return DqnSnn(dataclasses.replace(self._driving(), checkpoint=str(path)))
+
+    def _driving(self) -> DqnSnnParameters:
+        """Return the parameters that the spiking network drives with in rounds.
+
+        Raises:
+            ParameterError: It cannot, with the control period of the simulator.
+        """
+        driving = self._transfer.driving
+        return DqnSnnParameters(
+            encoding=FrameParameters.from_mapping(self._gathering.encoding.to_dict()),
+            period_ms=self._request.simulator.period_ms,
+            trace_decay=driving.trace_decay,
+            neurons=driving.neurons,
+        )
 
     def _policy(self) -> Dqn:
         """Return the Q-network that acts greedily, of the size it was trained in."""

@@ -30,6 +30,7 @@ from spikelane_controllers.spiking.spikes import (
     Spikes,
 )
 from spikelane_controllers.spiking.synapse import SynapseRule
+from spikelane_sim.errors import ParameterError
 
 Weights = NDArray[np.float64]
 
@@ -118,8 +119,16 @@ class PlasticNetwork:
             constants: The neurons.
             rule: The synapses.
             window: Length of the windows, as in `run_plastic_network`.
+
+        Raises:
+            ParameterError: It is no multiple of the rule's interval.
         """
         scalars = rule.scalars[0]
+        if window % int(scalars['interval']):
+            raise ParameterError(
+                f"window: expected a multiple of the rule's interval of {scalars['interval']} "
+                f'grid steps, got {window}'
+            )
         neurons = len(state.neurons)
         per_neuron = 1 + (window - 1) // (1 + int(constants[0]['refractory']))
         remembered = max(len(state.history), int(scalars['delay'] + scalars['interval'])) + 1

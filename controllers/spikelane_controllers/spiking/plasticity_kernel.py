@@ -53,9 +53,9 @@ NETWORK_DTYPE = np.dtype(
     [('neuron', CONSTANTS_DTYPE), ('synapse', RULE_DTYPE), ('window', '<i8')]  # [grid steps]
 )
 
-#: So few neurons need no sort to list their spikes.
+#: Up to so many neurons, spikes are merged without sorting.
 _FEW = 8
-#: From here on exp(-x) is 0.
+#: exp(-x) is 0 for x from here on.
 _NOTHING_REMAINS = 746.0
 
 Posts = NDArray[np.void]  # of POST_DTYPE, in the order of stamps, (n_spikes,)
@@ -239,8 +239,8 @@ def _drive_two(
 ) -> None:
     """Take two neurons over some grid steps at the same time.
 
-    A neuron's next potential waits for all of the last one's arithmetic; that of another neuron
-    is done meanwhile.
+    A neuron's next step has to wait for its last one. The processor computes the other neuron in
+    the meantime.
     """
     one, two = neurons[0], neurons[1]
     potential_1, current_1, slope_1 = one.potential_mv, one.current_pa, one.slope_pa_per_ms
@@ -428,7 +428,7 @@ def _list_fired(posts: Any, earlier: Any, counts: Any, window: int, fired: Spike
 
 @inner
 def _sort_fired(posts: Any, earlier: Any, counts: Any, window: int, fired: Spikes) -> int:
-    """Do so with a counting sort, whose time grows with spikes and grid steps alone."""
+    """List them as `_list_fired` does, by a counting sort: its time is linear."""
     place = np.zeros(window + 1, np.int64)  # of the next spike with this stamp
     for i in range(len(counts)):
         for k in range(earlier[i], counts[i]):

@@ -184,7 +184,7 @@ def synapse_rule(
             np.exp(-t_ms / synapse.tau_n_ms),
             np.exp(-t_ms / synapse.tau_plus_ms),
             -np.expm1(-rate * t_ms) / rate,
-            # As the kernel's exp, to the bit, which takes longer times.
+            # The same bits as `exp` in the kernel, which computes longer times itself.
             [math.exp(-k * scalars['minus_rate'].item()) for k in steps.tolist()],
         ],
         axis=1,

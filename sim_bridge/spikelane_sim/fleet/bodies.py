@@ -85,9 +85,13 @@ def _move(
     poses: NDArray[np.float64],
     place: NDArray[np.float64],
 ) -> None:
-    poses[:] = _robots[number].step(WheelVelocities(left, right))
-    x_m, y_m, _, *orientation = poses[-1].tolist()
-    place[:] = x_m, y_m, heading_of(*orientation)
+    try:
+        poses[:] = _robots[number].step(WheelVelocities(left, right))
+        x_m, y_m, _, *orientation = poses[-1].tolist()
+        place[:] = x_m, y_m, heading_of(*orientation)
+    finally:
+        # The kernel has borrowed these arrays: a traceback must not keep them.
+        del poses, place
 
 
 @inner

@@ -57,6 +57,18 @@ def test_what_is_made_of_them_is_owned() -> None:
     assert all(np.array_equal(copy, np.arange(1, 1000)) for copy in copies)
 
 
+def test_what_has_other_references_cannot_be_borrowed() -> None:
+    """As the memory of a text or a list, whose count would be wrong."""
+
+    @numba.njit
+    def borrow(value):  # type: ignore[no-untyped-def]
+        return len(borrowed(value)[0])
+
+    expected = 'value: expected arrays, numbers and tuples of them, got unicode_type'
+    with pytest.raises(numba.TypingError, match=expected):
+        borrow(('text', 1))
+
+
 @numba.njit
 def fill_row(row, value):  # type: ignore[no-untyped-def]
     """Write to an array of the caller, with one of its own in between."""
@@ -94,5 +106,5 @@ def test_the_size_of_an_array_on_the_stack_must_be_known() -> None:
     def of_any_size(size):  # type: ignore[no-untyped-def]
         return stack_array((size,), np.float64)[0]
 
-    with pytest.raises(numba.TypingError, match='shape: expected a tuple of numbers written down'):
+    with pytest.raises(numba.TypingError, match='shape: expected a tuple of integer literals'):
         of_any_size(3)

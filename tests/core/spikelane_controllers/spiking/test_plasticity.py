@@ -284,6 +284,14 @@ def test_impossible_synapses_are_refused(values: dict[str, float], message: str)
         SynapseParameters(**values)
 
 
+def test_a_window_that_no_interval_divides_is_refused() -> None:
+    """Spikes would lie behind its end."""
+    state = resting_plastic_state(np.zeros((1, 1)), DELAYS)
+    expected = "window: expected a multiple of the rule's interval of 10 grid steps, got 95"
+    with pytest.raises(ParameterError, match=expected):
+        run_plastic_network(state, no_spikes(), CONSTANTS, NEST, 95)
+
+
 def test_an_interval_longer_than_the_delay_is_refused() -> None:
     """A spike would have to arrive before it is handed over."""
     with pytest.raises(ParameterError, match='at most the delay to_neuron_ms = 1 ms, got 2'):

@@ -3,8 +3,8 @@
 Both processes know the same figures. Each takes the next one that nobody has taken, one from the
 front and the other from the back, by making a file of its name in a folder of claims. The second
 process (`python -m spikelane.report.drawing FOLDER CLAIMS PATH...`) writes what came of its
-figures into `CLAIMS/outcomes.json`. What it has taken and not drawn, as when it was killed, the
-first one draws in the end.
+figures into `CLAIMS/outcomes.json`. If it ends without this file, or has drawn another figure
+under the same name since a run was finished meanwhile, the first process draws the figure.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import sys
 import tempfile
 from typing import NamedTuple
 
-from spikelane.interruption import check
+from spikelane.interruption import check, checking
 from spikelane.processes import ProcessError, Processes
 from spikelane.report.collect import collect
 from spikelane.report.figures import all_figures, ReportFigure
@@ -29,10 +29,11 @@ from spikelane.report.runs import LeftOut, Runs
 from spikelane_sim.errors import SpikelaneError
 from spikelane_sim.files import write_json, WriteError
 
-#: From so many figures on a second process is worth its start.
+#: Number of figures from which on a second process saves time.
 _MANY = 12
 _OUTCOMES = 'outcomes.json'
 _HELPER = 'second process that draws'
+#: Longest wait for the second process, once nothing is left to take [s].
 _LONGEST_S = 600.0
 
 
@@ -55,7 +56,7 @@ OnFigure = Callable[[str], None]
 
 
 class Figures(NamedTuple):
-    """What came of drawing.
+    """The result of drawing.
 
     Attributes:
         drawn: The figures in the order of the page.
@@ -75,11 +76,13 @@ class _Outcome(NamedTuple):
         files: Its files; none where it could not be drawn.
         reason: Why it could not, '' where it could.
         is_unwritten: Whether that is because a file could not be written.
+        caption: Caption of the figure.
     """
 
     files: tuple[str, ...]
-    reason: str = ''
-    is_unwritten: bool = False
+    reason: str
+    is_unwritten: bool
+    caption: str
 
 
 def runs_to_draw(paths: Sequence[Path]) -> Runs:
@@ -134,23 +137,36 @@ def _draw_in_two(
     figures: Sequence[ReportFigure], folder: Path, show: OnFigure, paths: Sequence[Path]
 ) -> dict[str, _Outcome]:
     """Return what came of the figures that this process or the second one has drawn."""
-    with tempfile.TemporaryDirectory(prefix='spikelane-') as name, Processes() as processes:
-        claims = Path(name, 'claims')
-        claims.mkdir()
-        module = [sys.executable, '-m', __spec__.name]
-        words = [str(each) for each in (folder, claims, *paths)]
-        processes.start(_HELPER, module + words, Path(name, 'log'), os.environ)
-        outcomes = {}
-        for figure in _claimed(figures, claims):
-            show(figure.name)
-            check()
-            outcomes[figure.name] = _outcome_of(figure)
-        # What it has not drawn, this process draws afterwards.
-        with contextlib.suppress(ProcessError, OSError, *UNUSABLE):
-            processes.wait(_HELPER, _LONGEST_S)
-            found = json.loads((claims / _OUTCOMES).read_text('utf-8'))
-            outcomes |= {name: _Outcome(*each) for name, each in found.items()}
+    outcomes: dict[str, _Outcome] = {}
+    try:
+        with (
+            checking(),
+            tempfile.TemporaryDirectory(prefix='spikelane-') as name,
+            Processes() as processes,
+        ):
+            claims = Path(name, 'claims')
+            claims.mkdir()
+            module = [sys.executable, '-m', __spec__.name]
+            words = [str(each) for each in (folder, claims, *paths)]
+            processes.start(_HELPER, module + words, Path(name, 'log'), os.environ)
+            for figure in _claimed(figures, claims):
+                show(figure.name)
+                check()
+                outcomes[figure.name] = _outcome_of(figure)
+            if len(outcomes) < len(figures):
+                processes.wait(_HELPER, _LONGEST_S)
+                outcomes |= _of_the_second(figures, claims / _OUTCOMES)
+    except (ProcessError, OSError) as error:
+        # The caller draws what is missing.
+        show(f'one process alone: {error}')
     return outcomes
+
+
+def _of_the_second(figures: Sequence[ReportFigure], file: Path) -> dict[str, _Outcome]:
+    """Read what the second process has drawn of these figures."""
+    captions = {figure.name: figure.caption for figure in figures}
+    found = {name: _Outcome(*each) for name, each in json.loads(file.read_text('utf-8')).items()}
+    return {name: each for name, each in found.items() if each.caption == captions.get(name)}
 
 
 def _claimed(figures: Iterable[ReportFigure], claims: Path) -> Iterator[ReportFigure]:
@@ -163,16 +179,18 @@ def _claimed(figures: Iterable[ReportFigure], claims: Path) -> Iterator[ReportFi
 
 def _outcome_of(figure: ReportFigure) -> _Outcome:
     """Draw a figure."""
+    files: tuple[Path, ...] = ()
+    reason, is_unwritten = '', False
     try:
-        return _Outcome(tuple(str(file) for file in figure.draw()))
+        files = figure.draw()
     except SpikelaneError as error:
-        return _Outcome((), str(error), isinstance(error, WriteError))
+        reason, is_unwritten = str(error), isinstance(error, WriteError)
     except KeyError as error:
         reason = f'the run was made with another version of Spikelane and lacks {error}'
-        return _Outcome((), reason)
     except UNUSABLE as error:
         # A file of one run is damaged: it must not cost the report of all others.
-        return _Outcome((), f'a file of the run is damaged: {error}')
+        reason = f'a file of the run is damaged: {error}'
+    return _Outcome(tuple(map(str, files)), reason, is_unwritten, figure.caption)
 
 
 def main() -> None:

@@ -190,6 +190,17 @@ def test_in_rounds_it_drives_with_the_control_period(
     assert [each.period_ms for each in made] == [25]
 
 
+def test_a_period_that_the_spiking_network_cannot_drive_with_is_refused_at_once(
+    dqn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In 12 ms its neurons would be simulated for 2.4 steps of 1 ms."""
+    command = ['transfer', '--checkpoint', str(dqn), '--param', 'simulator.period_ms=12']
+    assert run([*command, '--out', str(tmp_path / 'none'), '--param', 'transfer.rounds=1']) == 2
+    told = capsys.readouterr().err
+    assert 'transfer.driving: ' in told
+    assert 'simulated_ms: expected a multiple of step_ms = 1 ms, got 2.4' in told
+
+
 def test_the_robot_drives_with_it(done: dict[str, Any], tmp_path: Path) -> None:
     """By the folder; the same bytes for the same seed."""
     drives = []
