@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -85,7 +87,7 @@ def test_a_rare_action_is_learnt_sooner_from_balanced_batches() -> None:
                 rare,
                 3,
                 10,
-                TransferParameters(**{**few.to_dict(), 'balanced': is_balanced}),
+                dataclasses.replace(few, balanced=is_balanced),
                 np.random.default_rng(0),
             ).network,
             test,
@@ -103,13 +105,13 @@ def test_a_smaller_maximum_cuts_counts_off() -> None:
     state = Labelled(np.array([[2, 9, 4]], np.uint8), np.array([1]), np.array([0]))
     assert accuracy(network, state, 8) == 1.0
     assert accuracy(network, state._replace(actions=np.array([0])), 2) == 1.0  # first of equals
-    limited = TransferParameters(**{**QUICK.to_dict(), 'maximum': 5})
+    limited = dataclasses.replace(QUICK, maximum=5)
     assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
 
 
 def test_a_gain_is_taken_over_by_the_first_weights() -> None:
     """The network is for inputs without it, and as good."""
-    gained = TransferParameters(**{**QUICK.to_dict(), 'input_gain': 4.0, 'steps': 200})
+    gained = dataclasses.replace(QUICK, input_gain=4.0, steps=200)
     learnt = learn_policy(states(), 3, 10, gained, np.random.default_rng(1))
     assert accuracy(learnt.network, states(seed=5), 8) > 0.99
     largest = np.abs(learnt.network.hidden_weights).max()
@@ -121,7 +123,7 @@ def test_with_a_temperature_it_learns_how_much_better_an_action_is() -> None:
     counts = np.repeat(np.eye(2, 12, dtype=np.uint8), 300, axis=0)
     values = np.repeat(np.array([[3.0, 1.0, 1.0], [0.0, 4.0, 0.0]], np.float32), 300, axis=0)
     given = Labelled(counts, values.argmax(axis=1), np.arange(600), values)
-    soft = TransferParameters(**{**QUICK.to_dict(), 'temperature': 2.0})
+    soft = dataclasses.replace(QUICK, temperature=2.0)
     learnt = learn_policy(given, 3, 10, soft, np.random.default_rng(1))
     outputs = activate(learnt.network, np.eye(2, 12, dtype=np.float32)).output
     shares = np.exp(outputs) / np.exp(outputs).sum(axis=1, keepdims=True)
@@ -222,11 +224,11 @@ def test_what_a_filter_removes_is_neither_answered_nor_counted() -> None:
 
 def test_whole_episodes_are_held_out() -> None:
     """Of thirty with twenty states each, three; by default states of nearly all episodes."""
-    whole = TransferParameters(**{**QUICK.to_dict(), 'held_out_by': 'episode', 'steps': 1})
+    whole = dataclasses.replace(QUICK, held_out_by='episode', steps=1)
     held_out = learn_policy(states(), 3, 10, whole, np.random.default_rng(1)).held_out
     numbers, sizes = np.unique(held_out.episodes, return_counts=True)
     assert (len(numbers), sizes.tolist()) == (3, [20, 20, 20])
-    single = TransferParameters(**{**whole.to_dict(), 'held_out_by': 'state'})
+    single = dataclasses.replace(whole, held_out_by='state')
     held_out = learn_policy(states(), 3, 10, single, np.random.default_rng(1)).held_out
     assert len(held_out.episodes) == 60
     assert len(np.unique(held_out.episodes)) > 20
