@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
@@ -50,6 +51,8 @@ _SCOPES = (
     | ResetSimulation.Request.SCOPE_SPAWNED
 )
 _OK = Result(result=Result.RESULT_OK)
+#: Time for an answer to arrive before the node ends.
+_ANSWER_S = 0.5
 _SUPERSEDED = 'another reset or a stop came before the first observation was published'
 
 
@@ -60,9 +63,19 @@ def _failed(code: int, message: str) -> Result:
 class SimulatorServices:
     """Serves requests about the simulation; each answer comes when it has taken effect."""
 
-    def __init__(self, node: Node, simulator: Simulator, stepper: Stepper) -> None:
-        """Create the services under the node's name."""
+    def __init__(
+        self, node: Node, simulator: Simulator, stepper: Stepper, end: Callable[[], None]
+    ) -> None:
+        """Create the services under the node's name.
+
+        Args:
+            node: Whose services they are.
+            simulator: What is simulated.
+            stepper: Takes its steps.
+            end: Called when the node is to end, as somebody has asked it to.
+        """
         self._node = node
+        self._end = end
         self._simulator = simulator
         self._stepper = stepper
         self._entity = robot_model(simulator.parameters.robot.model).entity
@@ -257,12 +270,13 @@ class SimulatorServices:
     def _quit(self) -> None:
         self._stepper.stop()
 
-        async def shut_down() -> None:
-            # One turn later, so that the answer to this request is out.
-            await self._next_spin()
-            self._node.context.try_shutdown()
+        def end() -> None:
+            timer.cancel()
+            self._end()
 
-        self._node.executor.create_task(shut_down)
+        # The middleware does not tell when an answer has arrived.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self._node.create_timer(_ANSWER_S, end, clock=steady)
 
     def _get_features(
         self, request: GetSimulatorFeatures.Request, response: GetSimulatorFeatures.Response

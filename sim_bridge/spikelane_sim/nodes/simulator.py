@@ -143,7 +143,9 @@ class SimulatorNode(ParameterNode):
             period_s = self._simulator.parameters.period_s / settings.real_time_factor
             self._ticks = self.create_timer(period_s, self._stepper.tick, clock=steady)
         self._begin_to_tell(steady)
-        self._simulation_services = SimulatorServices(self, self._simulator, self._stepper)
+        self._simulation_services = SimulatorServices(
+            self, self._simulator, self._stepper, self._end
+        )
         fail = self._fail if settings.wait_for else None
         SolePublishers(self, SOLE_TOPICS, fail).look_regularly()
         if settings.end_after_episodes:
@@ -220,6 +222,9 @@ class SimulatorNode(ParameterNode):
 
     def _notice(self) -> None:
         self._diagnostics.notice()
+
+    def _end(self) -> None:
+        self.is_done = True
 
     def _end_if_over(self) -> None:
         lane = self._simulator.lane_state
