@@ -351,8 +351,8 @@ def _run_neurons(
         neurons: All neurons; this and what follows as in `run`.
         synapses: All synapses.
         posts: Spikes that each neuron remembers.
-        counts: How many.
-        spikes: Of the inputs that are handed over in this window.
+        counts: How many spikes each neuron remembers.
+        spikes: Spikes of the inputs that the synapses are given in this window.
         arriving: What arrives at the neurons.
         dopamine: At each neuron's synapses.
         constants: The neurons' constants.
