@@ -4,9 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import functools
+import sys
 from typing import Any
 
 import numba
+from numba.np import linalg
+
+
+def _skip_scipy() -> None:
+    """Import the part of Numba that would import SciPy, without SciPy.
+
+    It only looks whether SciPy's BLAS is there, which takes as long as a third of the rest of a
+    command's start. No kernel here uses linear algebra; for one that does, Numba looks again.
+    """
+    if 'numba.np.arraymath' in sys.modules:
+        return
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        from numba.np import arraymath
+    finally:
+        linalg.ensure_blas = look
+    arraymath.ensure_blas = look
+
+
+_skip_scipy()
 
 
 def inner(function: Callable[..., Any] | None = None, **options: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.fleet_kernel import write_down
-from spikelane_controllers.spiking.poisson import firing_rates, poisson_spikes, PoissonScale
+from spikelane_controllers.spiking.poisson import PoissonScale, Shares, spikes_of_counts
 from spikelane_controllers.spiking.spikes import grid_steps
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
 from spikelane_sim.compiled import inner
@@ -35,6 +35,7 @@ class Motors(NamedTuple):
         scale: From counts to rates.
         steering: From spikes to wheels.
         counts: Events in each cell in the observation to be answered, (n_robots, rows, columns).
+        shares: Fields of `Shares`, (n_robots, rows * columns + 1).
         smoothed: Fields of `SteeringState`, (n_robots, 2).
         spikes: Spikes of the left and the right neuron in the last step, (n_robots, 2).
         decisions: Observations answered since the row was loaded, (n_robots,).
@@ -49,6 +50,7 @@ class Motors(NamedTuple):
     scale: PoissonScale
     steering: SteeringConstants
     counts: NDArray[np.int64]
+    shares: Shares
     smoothed: NDArray[np.float64]
     spikes: NDArray[np.int64]
     decisions: NDArray[np.int64]
@@ -63,11 +65,13 @@ def make_motors(n_robots: int, parameters: Any, generators: Generators) -> Motor
     """Return what robots need whose parameters have encoding, poisson, steering and period_ms."""
     encoding: EncodingParameters = parameters.encoding
     poisson, steering = parameters.poisson, parameters.steering
+    inputs = encoding.rows * encoding.columns
     return Motors(
         Cells(encoding.crop_top, encoding.cell),
         PoissonScale(poisson.max_rate_hz, poisson.max_events),
         SteeringConstants(steering.n_max, steering.v_min, steering.v_max, steering.turn),
         np.zeros((n_robots, encoding.rows, encoding.columns), np.int64),
+        Shares(np.zeros((n_robots, inputs + 1)), np.zeros((n_robots, inputs + 1), np.int64)),
         np.zeros((n_robots, 2)),
         np.zeros((n_robots, 2), np.int64),
         np.zeros(n_robots, np.int64),
@@ -94,8 +98,10 @@ def most_inputs(parameters: Any) -> int:
 def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     """Return the spikes of robot i's inputs in a step."""
     rng = generator_at(template, motors.chance[i])
-    rates_hz = firing_rates(motors.counts[i], motors.scale, motors.share)
-    spikes = poisson_spikes(rates_hz, rng, motors.window)
+    shares = Shares(motors.shares.bounds_hz[i], motors.shares.sources[i])
+    spikes = spikes_of_counts(
+        motors.counts[i], motors.scale, motors.share, motors.window, rng, shares
+    )
     motors.decisions[i] += 1
     motors.inputs[i, 0] = len(spikes)
     motors.inputs[i, 1] += len(spikes)

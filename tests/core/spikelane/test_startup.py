@@ -24,19 +24,23 @@ TELL = (
 )
 
 
-def loaded(code: str, *words: str) -> set[str]:
-    """Return the packages that a program has loaded when it calls `tell`."""
+def modules(code: str, *words: str) -> set[str]:
+    """Return the modules that a program has loaded when it calls `tell`."""
     command = [sys.executable, '-c', TELL + code, *words]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE)
     start = done.stdout.rindex(b'["')
-    return {name.partition('.')[0] for name in json.loads(done.stdout[start:])}
+    return set(json.loads(done.stdout[start:]))
+
+
+def packages(names: set[str]) -> set[str]:
+    """Return the packages of modules."""
+    return {name.partition('.')[0] for name in names}
 
 
 def test_help_loads_no_library() -> None:
     """Not even NumPy: the list of commands is text."""
-    found = loaded(
-        'import atexit; atexit.register(tell); from spikelane_entry import main; main()', '--help'
-    )
+    code = 'import atexit; atexit.register(tell); from spikelane_entry import main; main()'
+    found = packages(modules(code, '--help'))
     assert found & (HEAVY | {'numpy'}) == set()
     assert 'spikelane' in found
 
@@ -45,7 +49,7 @@ def test_help_loads_no_library() -> None:
 def test_a_lap_loads_only_what_drives_before_its_loop(
     robot: tuple[str, set[str]], tmp_path: Path
 ) -> None:
-    """Numba, which loads SciPy; what writes results and draws them is loaded afterwards."""
+    """Numba, which asks for SciPy's version; what writes and draws results comes afterwards."""
     engine, libraries = robot
     code = (
         'from spikelane.main import run\n'
@@ -54,7 +58,23 @@ def test_a_lap_loads_only_what_drives_before_its_loop(
         'run(sys.argv[1:])\n'
     )
     words = ['lap', '--transport', 'inprocess', '--engine', engine, '--out', str(tmp_path / 'lap')]
-    assert loaded(code, *words) & HEAVY == {'numba', 'scipy', 'yaml'} | libraries
+    found = modules(code, *words)
+    assert packages(found) & HEAVY == {'numba', 'scipy', 'yaml'} | libraries
+    assert 'scipy.linalg' not in found
+
+
+def test_a_kernel_of_somebody_has_linear_algebra() -> None:
+    """SciPy's BLAS is loaded by the first kernel that uses it."""
+    code = (
+        'import numba, numpy, spikelane\n'
+        'from spikelane_sim.compiled import inner\n'
+        'assert "scipy.linalg" not in sys.modules\n'
+        'product = numba.njit(lambda a, b: (a @ b, numpy.linalg.solve(a, b)))\n'
+        'a, b = numpy.array([[1.0, 2.0], [3.0, 4.0]]), numpy.array([5.0, 6.0])\n'
+        'assert numpy.allclose(product(a, b), [[17, 39], [-4, 4.5]])\n'
+        'tell()\n'
+    )
+    assert 'scipy.linalg.cython_blas' in modules(code)
 
 
 def test_start_up_is_measured() -> None:

@@ -67,6 +67,23 @@ def test_spikes_are_in_the_order_of_grid_steps_inside_the_window() -> None:
     assert (many.min(), many.max()) == (0, 19)
 
 
+@pytest.mark.parametrize('mean', [10, 48, 300])
+def test_spikes_are_in_a_stable_order_however_many(mean: int) -> None:
+    """The order is NumPy's: by grid steps, then in the order in which the numbers were drawn."""
+    rates_hz = np.array([0.25, 0.5, 0.25]) * mean / 0.005
+    for seed in range(20):
+        drawn = poisson_spikes(rates_hz, np.random.default_rng(seed), window=50)
+        rng = np.random.default_rng(seed)
+        places = 4 * rng.random(rng.poisson(mean))
+        sources = np.digitize(places, [1, 3])
+        steps = (
+            50 * (places - np.array([0, 1, 3])[sources]) / np.array([1, 2, 1])[sources]
+        ).astype(int)
+        order = np.argsort(steps, kind='stable')
+        assert drawn['step'].tolist() == steps[order].tolist()
+        assert drawn['source'].tolist() == sources[order].tolist()
+
+
 def test_a_shorter_window_has_fewer_spikes() -> None:
     """2 ms at 100,000 Hz: 200 spikes, give or take 5 standard deviations."""
     drawn = poisson_spikes(np.array([100_000.0]), np.random.default_rng(4), window=20)
