@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.events import Events
 from spikelane_sim.parameters import check_size, parameter, Parameters
+from spikelane_sim.period import PERIOD_MS, SHORTEST_MS, steps_of
 
 Counts = NDArray[np.int64]
 
@@ -69,9 +70,17 @@ class StateImageParameters(EncodingParameters):
     )
     frames: int = parameter(
         10,
-        'For how long events are counted, in steps of 50 ms whatever the control period.',
+        'For how long events are counted, in steps of frame_ms whatever the control period.',
         low=1,
         high=1000,
+        source='section 3.2',
+    )
+    frame_ms: int = parameter(
+        PERIOD_MS,
+        'Length of the steps that frames counts; the time is rounded to whole control periods.',
+        unit='ms',
+        low=SHORTEST_MS,
+        high=PERIOD_MS,
         source='section 3.2',
     )
 
@@ -120,7 +129,7 @@ class StateImage:
     """Counts of the last few steps: first in, first out; zeros before the first step.
 
     Args:
-        parameters: The cells, and how many steps of 50 ms count.
+        parameters: The cells, and for how long events count.
         steps: How many steps these are; None with a control period of 50 ms.
     """
 
@@ -128,7 +137,9 @@ class StateImage:
         self, parameters: StateImageParameters | None = None, steps: int | None = None
     ) -> None:
         self.parameters = parameters or StateImageParameters()
-        self._steps = self.parameters.frames if steps is None else steps
+        if steps is None:
+            steps = steps_of(self.parameters.frames, self.parameters.frame_ms, PERIOD_MS)
+        self._steps = steps
         shape = (self._steps, self.parameters.rows, self.parameters.columns)
         self._frames = np.zeros(shape, np.int64)
         self._oldest = 0

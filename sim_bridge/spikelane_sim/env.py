@@ -61,7 +61,8 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
     ## Action space
     `actions='discrete'`: Discrete(3), 0 left, 1 straight, 2 right. `actions='wheels'`: Box of two
     target velocities [rad/s], left and right, up to the robot's limit. An action holds for
-    `task.steps_per_action` times 50 ms, whatever `simulator.period_ms` is.
+    `task.steps_per_action` times `task.step_ms`, 10 times 50 ms by default, whatever
+    `simulator.period_ms` is.
 
     ## Reward
     After each action the sum of the terms in `info['reward_terms']`: `lane_centre`, the normal
@@ -121,7 +122,9 @@ class LaneKeepingEnv(gymnasium.Env[Any, Any]):
         width, height = self._stage.size
         seen = dataclasses.replace(camera, width=width, height=height)
         self._observed = OBSERVATIONS[observation](dataclasses.replace(parameters, camera=seen))
-        self._steps_per_action = parameters.steps_of(self._task.steps_per_action)
+        self._steps_per_action = parameters.steps_of(
+            self._task.steps_per_action, self._task.step_ms
+        )
         self._simulator = Simulator(parameters, sensors=self._observed.sensors)
         self.observation_space = self._observed.space
         self.action_space = actions_space(actions, parameters)

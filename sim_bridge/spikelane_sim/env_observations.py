@@ -57,7 +57,7 @@ class StateImageObservation:
     def __init__(self, parameters: SimulatorParameters) -> None:
         camera = parameters.camera
         cells = StateImageParameters(width=camera.width, height=camera.height)
-        self._image = StateImage(cells, parameters.steps_of(cells.frames))
+        self._image = StateImage(cells, parameters.steps_of(cells.frames, cells.frame_ms))
         shape = (self._image.parameters.rows, self._image.parameters.columns)
         self.space = spaces.Box(0, 1, shape, np.uint8)
 
@@ -110,8 +110,9 @@ class EventImageObservation:
         shape = (_POLARITIES, camera.height, camera.width)
         self.space = spaces.Box(0, _MOST_COUNTED, shape, np.uint8)
         # The window is that of the deep Q-network.
-        frames = StateImageParameters(width=camera.width, height=camera.height).frames
-        self._places: deque[NDArray[np.int64]] = deque(maxlen=parameters.steps_of(frames))
+        window = StateImageParameters(width=camera.width, height=camera.height)
+        steps = parameters.steps_of(window.frames, window.frame_ms)
+        self._places: deque[NDArray[np.int64]] = deque(maxlen=steps)
 
     def begin(self, observation: Observation) -> None:
         """Forget all steps: an episode's first observation has no events."""

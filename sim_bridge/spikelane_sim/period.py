@@ -2,7 +2,7 @@
 
 It is the parameter `period_ms` of the simulator and of each controller that depends on it, whole
 milliseconds from 5 to 50. Whatever a parameter counts "in steps of 50 ms" keeps that unit with
-every period: `TimedParameters.share` converts it.
+every period: `TimedParameters.share` converts it. Actions and images can count shorter steps.
 """
 
 from __future__ import annotations
@@ -18,6 +18,11 @@ SHORTEST_MS = 5
 
 _NS_PER_MS = 1_000_000
 PERIOD_NS = PERIOD_MS * _NS_PER_MS
+
+
+def steps_of(count: int, step_ms: int, period_ms: int) -> int:
+    """Return how many periods take as long as a number of other steps, rounded; at least 1."""
+    return max(1, round(count * step_ms / period_ms))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +53,6 @@ class TimedParameters(Parameters):
         """Length of a step in steps of 50 ms, from 0.1 to 1."""
         return self.period_ms / PERIOD_MS
 
-    def steps_of(self, paper_steps: int) -> int:
-        """Return how many steps take as long as so many of 50 ms, rounded; at least 1."""
-        return max(1, round(paper_steps * PERIOD_MS / self.period_ms))
+    def steps_of(self, count: int, step_ms: int = PERIOD_MS) -> int:
+        """Return how many steps take as long as a number of steps of step_ms; at least 1."""
+        return steps_of(count, step_ms, self.period_ms)

@@ -9,6 +9,7 @@ from numba.extending import register_jitable
 
 from spikelane_sim.contract import WheelVelocities
 from spikelane_sim.parameters import parameter, Parameters
+from spikelane_sim.period import PERIOD_MS, SHORTEST_MS
 
 #: By number, how an action adds the turning velocity to the left wheel.
 _TURNS = (-1.0, 0.0, 1.0)
@@ -43,9 +44,18 @@ class DecisionParameters(ActionParameters):
 
     steps_per_action: int = parameter(
         10,
-        'For how long an action holds, in steps of 50 ms whatever the control period.',
+        'For how long an action holds, in steps of step_ms whatever the control period.',
         low=1,
         high=1_000_000,
+        source='paper section 3.2',
+    )
+    step_ms: int = parameter(
+        PERIOD_MS,
+        'Length of the steps that steps_per_action counts, rounded to whole control periods: less '
+        'than 50 for actions that are shorter.',
+        unit='ms',
+        low=SHORTEST_MS,
+        high=PERIOD_MS,
         source='paper section 3.2',
     )
     reward_sigma_m: float = parameter(

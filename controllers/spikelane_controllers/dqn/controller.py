@@ -88,8 +88,8 @@ class Dqn:
         self.parameters = parameters or DqnParameters()
         self.learning = self.parameters.learning
         image, task = self.parameters.image, self.parameters.task
-        self.image = StateImage(image, self.parameters.steps_of(image.frames))
-        self.steps_per_action = self.parameters.steps_of(task.steps_per_action)
+        self.image = StateImage(image, self.parameters.steps_of(image.frames, image.frame_ms))
+        self.steps_per_action = self.parameters.steps_of(task.steps_per_action, task.step_ms)
         self._trained = self._trained_network()
         self.initialise(np.random.default_rng(0))
         self.reset(np.random.default_rng(0))

@@ -170,8 +170,9 @@ class DqnResults(TrainingResults):
     def _draw_episodes(self, path: Path, title: str) -> tuple[Path, ...]:
         from spikelane_controllers.dqn.episodes_figure import draw_episodes
 
-        steps = self.run.config[self.run.controller]['task.steps_per_action']
-        action_step = f'{steps * PERIOD_MS / 1000:g} s ({steps} steps of {PERIOD_MS:g} ms)'
+        config = self.run.config[self.run.controller]
+        steps, step_ms = config['task.steps_per_action'], config.get('task.step_ms', PERIOD_MS)
+        action_step = f'{steps * step_ms / 1000:g} s ({steps} steps of {step_ms:g} ms)'
         return draw_episodes(self, tuple(self.course().lanes), action_step, path, title)
 
     def _draw_states(self, path: Path, title: str) -> tuple[Path, ...]:
@@ -180,8 +181,9 @@ class DqnResults(TrainingResults):
         states = read_states(self.run.folder)
         if not len(states):
             raise NothingToDrawError(f'{self.run.folder}: expected states met, got none')
-        frames = self.run.config[self.run.controller]['image.frames']
-        return draw_state_images(states, frames, path, title)
+        config = self.run.config[self.run.controller]
+        frames, frame_ms = config['image.frames'], config.get('image.frame_ms', PERIOD_MS)
+        return draw_state_images(states, frames * frame_ms, path, title)
 
 
 def _is_full(episode: Termination) -> bool:

@@ -25,13 +25,13 @@ _BAR = (0.915, 0.012)  # left and width of the scales
 
 
 def draw_state_images(
-    states: NDArray[np.uint8], frames: int, path: Path, title: str = ''
+    states: NDArray[np.uint8], window_ms: int, path: Path, title: str = ''
 ) -> tuple[Path, ...]:
     """Draw some of the states met in a training that have events, evenly spread over it.
 
     Args:
         states: Counts, (n, rows, columns), n at least 1.
-        frames: Number of steps of 50 ms over which a state counts events.
+        window_ms: Time over which a state counts events [ms].
         path: Ending in .svg or .png; without an ending both are written.
         title: Above the figure.
 
@@ -67,7 +67,7 @@ def draw_state_images(
                 inputs.set_xticks([0, columns - 1])
                 counts.set_ylabel('row of cells', fontsize=style.SMALL_PT)
                 inputs.set_xlabel('column of cells', fontsize=style.SMALL_PT)
-        _explain(figure, shown, frames, height)
+        _explain(figure, shown, window_ms, height)
         return style.save(figure, path)
 
 
@@ -83,14 +83,14 @@ def _draw(axes: Axes, image: NDArray[np.generic], most: int) -> AxesImage:
     return shown
 
 
-def _explain(figure: Figure, counts: AxesImage, frames: int, height: float) -> None:
+def _explain(figure: Figure, counts: AxesImage, window_ms: int, height: float) -> None:
     """Draw the scale of the counts, and that of the network's inputs, which are 0 or 1."""
     from matplotlib.cm import ScalarMappable
 
     inputs = ScalarMappable(cmap=counts.get_cmap().resampled(2))
     inputs.set_clim(-0.5, 1.5)
     for bottom, scale, words in (
-        (_COUNTS, counts, f'events in {frames} steps'),
+        (_COUNTS, counts, f'events in {window_ms / 1000:g} s'),
         (_INPUTS, inputs, "network's input"),
     ):
         axes = figure.add_axes((_BAR[0], bottom, _BAR[1], height))

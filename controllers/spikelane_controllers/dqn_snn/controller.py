@@ -49,7 +49,7 @@ class FrameParameters(StateImageParameters):
 
     frames: int = parameter(
         1,
-        'For how long events are counted, in steps of 50 ms whatever the control period.',
+        'For how long events are counted, in steps of frame_ms whatever the control period.',
         low=1,
         high=1000,
         source='section 3.5',
@@ -112,10 +112,12 @@ def value_per_event(parameters: DqnSnnParameters, scale: InputScale) -> float:
 
     Args:
         parameters: Parameters of the controller.
-        scale: Scale of the training, in which a count over scale.frames steps is divided by its
+        scale: Scale of the training, in which a count over scale.frames frames is divided by its
             maximum.
     """
-    return parameters.event_value or scale.frames / (parameters.encoding.frames * scale.maximum)
+    encoding = parameters.encoding
+    trained_ms, ms = scale.frames * scale.frame_ms, encoding.frames * encoding.frame_ms
+    return parameters.event_value or trained_ms / (ms * scale.maximum)
 
 
 def input_values(counts: Counts, per_event: float) -> NDArray[np.float32]:
@@ -181,7 +183,9 @@ class DqnSnn:
         self._per_event = value_per_event(self.parameters, transferred.scale)
         self._network = IntegrateAndFire(transferred.network, self.parameters.step_neurons)
         self._decay = self.parameters.trace_decay**self.parameters.share
-        self._image = StateImage(encoding, self.parameters.steps_of(encoding.frames))
+        self._image = StateImage(
+            encoding, self.parameters.steps_of(encoding.frames, encoding.frame_ms)
+        )
         self._quantities = offered(self.parameters, len(transferred.network.hidden_weights))
         self._recording: frozenset[str] = frozenset()
         self.reset(np.random.default_rng(0))

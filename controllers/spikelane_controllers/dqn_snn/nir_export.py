@@ -139,9 +139,10 @@ def _inputs(scale: InputScale, parameters: DqnSnnParameters) -> dict[str, Any]:
         'input_rows': encoding.rows,
         'input_columns': encoding.columns,
         'input_order': 'rows from the top, in each row columns from the left',
-        'input_frames': parameters.steps_of(encoding.frames),
+        'input_frames': parameters.steps_of(encoding.frames, encoding.frame_ms),
         'input_value_per_event': value_per_event(parameters, scale),
         'scale_frames': scale.frames,
+        'scale_frame_s': scale.frame_ms / 1000,
         'scale_maximum': scale.maximum,
     }
 

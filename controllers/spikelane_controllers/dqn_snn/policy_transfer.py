@@ -200,6 +200,7 @@ class PolicyTransfer:
             # 0 to 2: simulator, controller, gathering.
             np.random.default_rng([self._request.seed, 3]),
             lambda done, of: show(_TRAINING_STEPS, done, of),
+            self._gathering.encoding.frame_ms,
         )
         self._normalised = normalise(self._learnt.network, self._normalising_inputs())
         self._states = {name: len(each.counts) for name, each in parts.items()}

@@ -30,6 +30,7 @@ from spikelane_controllers.dqn_snn.feedforward import activate, FeedForward
 from spikelane_controllers.dqn_snn.transferred import InputScale
 from spikelane_sim.errors import ParameterError, SpikelaneError
 from spikelane_sim.parameters import MOST_STEPS, nested, parameter, Parameters
+from spikelane_sim.period import PERIOD_MS
 
 if TYPE_CHECKING:
     import torch
@@ -149,6 +150,7 @@ def learn_policy(
     parameters: TransferParameters,
     rng: np.random.Generator,
     show: OnProgress = lambda step, steps: None,
+    frame_ms: int = PERIOD_MS,
 ) -> Learnt:
     """Train a network to choose the actions of labelled states.
 
@@ -157,10 +159,11 @@ def learn_policy(
     Args:
         states: All of them.
         actions: How many there are, labelled or not.
-        frames: Steps of 50 ms that a state counts.
+        frames: Frames that a state counts.
         parameters: How.
         rng: Where all random numbers come from.
         show: Called after every step.
+        frame_ms: Length of a frame [ms].
 
     Raises:
         TransferError: There are too few states, no events in them, or a single action.
@@ -185,7 +188,7 @@ def learn_policy(
                 network = training.network()
                 accuracies = (accuracy(network, each, maximum) for each in (sample, held_out))
                 curve.append(Measured(step, *accuracies))
-    return Learnt(network, InputScale(frames, maximum), tuple(curve), held_out)
+    return Learnt(network, InputScale(frames, maximum, frame_ms), tuple(curve), held_out)
 
 
 def scaled(counts: NDArray[np.uint8], maximum: int) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from spikelane_controllers.dqn_snn.normalisation import largest_input
 from spikelane_controllers.saved_state import array, mapping, number
 from spikelane_controllers.weights import find_checkpoint
 from spikelane_sim.errors import CheckpointChoiceError, CheckpointError
+from spikelane_sim.period import PERIOD_MS
 
 CONTROLLER = 'dqn_snn'
 
@@ -28,8 +29,9 @@ _TRAINED, _SPIKING = 'ann', 'network'
 class InputScale(NamedTuple):
     """How counts of events became the values of the inputs that the network was trained on."""
 
-    frames: int  # steps of 50 ms that a count is over
+    frames: int  # frames that a count is over
     maximum: int  # count that makes a value of 1; more makes no more
+    frame_ms: int = PERIOD_MS  # length of a frame; older checkpoints do not have it
 
 
 class Transferred(NamedTuple):
@@ -77,6 +79,7 @@ def read_transferred(name: str, inputs: int, outputs: int) -> Transferred:
     arrays, facts = read_checkpoint(file, CONTROLLER)
     try:
         network = _network(arrays, inputs, outputs)
+        facts = {**InputScale._field_defaults, **facts}
         scale = InputScale(*(_count(facts, field) for field in InputScale._fields))
         if facts.get('normalisation', 'model') == 'model':
             _check_normalised(network)

@@ -84,8 +84,9 @@ def gather_states(
     rng = np.random.default_rng([seed, 2])
     period = simulator.parameters
     host = ControllerHost(controller, seed)
-    image = StateImage(parameters.encoding, period.steps_of(parameters.encoding.frames))
-    cells = parameters.encoding.rows * parameters.encoding.columns
+    encoding = parameters.encoding
+    image = StateImage(encoding, period.steps_of(encoding.frames, encoding.frame_ms))
+    cells = encoding.rows * encoding.columns
     counts = np.empty((parameters.states, cells), np.uint8)
     episodes = np.empty(parameters.states, np.int64)
     stage = FilterStage(filters or FilterParameters(), period.camera.width, period.camera.height)
@@ -115,7 +116,7 @@ def _act(
     Returns:
         What is observed then; the first observation of the next episode where this one has ended.
     """
-    for _ in range(simulator.parameters.steps_of(parameters.steps_per_action)):
+    for _ in range(simulator.parameters.steps_of(parameters.steps_per_action, parameters.step_ms)):
         wheels = host.step(observation)
         if drawn is not None:
             wheels = action_wheels(drawn, parameters)

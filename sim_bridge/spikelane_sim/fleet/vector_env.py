@@ -142,8 +142,10 @@ class LaneKeepingVectorEnv(VectorEnv[Any, Any, Any]):
         camera = parameters.camera
         window = StateImageParameters(width=camera.width, height=camera.height)
         coarse = EncodingParameters(width=camera.width, height=camera.height)
-        frames = parameters.steps_of(window.frames)
-        self._steps_per_action = parameters.steps_of(self._task.steps_per_action)
+        frames = parameters.steps_of(window.frames, window.frame_ms)
+        self._steps_per_action = parameters.steps_of(
+            self._task.steps_per_action, self._task.step_ms
+        )
         has_image = observation in ('event_image', 'sensors')
         encoding = coarse if observation == 'spike_counts' else window
         self._cells = make_cells(num_envs, encoding, frames)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from spikelane_sim.contract import WheelVelocities
-from spikelane_sim.encoding import StateImageParameters
+from spikelane_sim.encoding import StateImage, StateImageParameters
 from spikelane_sim.env import LaneKeepingEnv
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.fleet.vector_env import LaneKeepingVectorEnv
 from spikelane_sim.simulator import Simulator
 from spikelane_sim.simulator_parameters import current_config, SimulatorParameters
 
@@ -109,8 +110,20 @@ def test_what_is_for_50_ms_is_converted() -> None:
     steps = [SimulatorParameters(period_ms=period_ms).steps_of(10) for period_ms in (50, 20, 7, 5)]
     assert steps == [10, 25, 71, 100]
     assert SimulatorParameters(period_ms=49).steps_of(1) == 1
+    assert SimulatorParameters(period_ms=10).steps_of(8, 10) == 8
+    assert SimulatorParameters(period_ms=20).steps_of(8, 5) == 2
+    assert SimulatorParameters().steps_of(1, 5) == 1
     assert SimulatorParameters(period_ms=20).share == 0.4
     assert StateImageParameters().frames == 10
+
+
+@pytest.mark.parametrize(
+    ('frames', 'frame_ms', 'steps'), [(10, 50, 10), (8, 10, 2), (20, 5, 2), (1, 5, 1)]
+)
+def test_an_image_counts_frames_of_any_length(frames: int, frame_ms: int, steps: int) -> None:
+    """In steps of 50 ms, rounded to whole ones: at least one."""
+    image = StateImage(StateImageParameters(frames=frames, frame_ms=frame_ms))
+    assert len(image.frames) == steps
 
 
 def test_an_action_of_the_environment_lasts_half_a_second() -> None:
@@ -122,6 +135,20 @@ def test_an_action_of_the_environment_lasts_half_a_second() -> None:
         *_, info = environment.step(action)
     assert info['lane_state'].step == 75
     assert info['lane_state'].progress_m == pytest.approx(1.5 * 2.0 * 0.0975, rel=0.01)
+
+
+def test_an_action_of_the_environment_can_be_shorter() -> None:
+    """Two steps of 10 ms, alone and in a vector."""
+    simulator = {'robot.engine': 'kinematic', 'period_ms': 10}
+    task = {'steps_per_action': 2, 'step_ms': 10}
+    environment = LaneKeepingEnv(simulator=simulator, task=task)
+    environment.reset(seed=3, options={'lane': 'outer'})
+    environment.step(1)
+    assert environment.step(0)[-1]['lane_state'].step == 4
+    vector = LaneKeepingVectorEnv(1, simulator=simulator, task=task)
+    vector.reset(seed=3, options={'lane': 'outer'})
+    vector.step([1])
+    assert vector.step([0])[-1]['lane_state'][0].step == 4
 
 
 def test_runs_of_earlier_versions_had_steps_of_50_ms() -> None:

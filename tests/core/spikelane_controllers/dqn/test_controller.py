@@ -83,6 +83,28 @@ def test_an_action_lasts_half_a_second_with_every_period() -> None:
     assert controller.counts[0].tolist() == [0] + [1] * 25 + [0] * 6
 
 
+@pytest.mark.parametrize(
+    ('step_ms', 'period_ms', 'held', 'seen'), [(10, 10, 2, 8), (10, 5, 4, 16), (5, 20, 1, 2)]
+)
+def test_actions_and_images_can_be_shorter_than_50_ms(
+    step_ms: int, period_ms: int, held: int, seen: int
+) -> None:
+    """Two steps for an action and eight for an image, rounded to the period: at least one."""
+    controller = Dqn(
+        DqnParameters.from_mapping(
+            {
+                'period_ms': period_ms,
+                'task.steps_per_action': 2,
+                'task.step_ms': step_ms,
+                'image.frames': 8,
+                'image.frame_ms': step_ms,
+            }
+        )
+    )
+    assert controller.steps_per_action == held
+    assert len(controller.image.frames) == seen
+
+
 def test_the_reward_is_the_papers() -> None:
     """2.66 at the centre, 1 / e of it at sqrt(2) times 0.15 m; NaN until an action has ended."""
     controller = dqn_of()

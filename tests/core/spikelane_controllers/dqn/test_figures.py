@@ -81,13 +81,13 @@ def test_state_images_are_spread_over_the_training(
     """Each as counts, all on one scale, and as binary."""
     states = np.zeros((11, 16, 32), np.uint8)
     states[:, 3, 4] = np.arange(11)
-    (file,) = draw_state_images(states, 10, tmp_path / 'a.svg')
+    (file,) = draw_state_images(states, 500, tmp_path / 'a.svg')
     shown = images(drawn_figures[0])
     assert [int(image.get_array()[3, 4]) for image in shown] == [2, 1, 4, 1, 6, 1, 8, 1]
     assert [image.get_clim() for image in shown] == [(0, 8), (0, 1)] * 4
     said = re.findall(r'<!-- (.*?) -->', file.read_text())
     assert 'action step 3' in said
-    assert 'events in 10 steps' in said
+    assert 'events in 0.5 s' in said
 
 
 def test_states_without_events_are_counted_but_not_shown(
@@ -96,14 +96,14 @@ def test_states_without_events_are_counted_but_not_shown(
     """They would be empty panels."""
     states = np.zeros((12, 16, 32), np.uint8)
     states[[1, 2, 3, 7, 8, 11], 5, 5] = 1
-    (file,) = draw_state_images(states, 10, tmp_path / 'a.svg')
+    (file,) = draw_state_images(states, 500, tmp_path / 'a.svg')
     assert all(image.get_array().any() for image in images(drawn_figures[0]))
     assert '50.0 % of all states are without events' in file.read_text()
-    draw_state_images(np.zeros((3, 16, 32), np.uint8), 10, file)
+    draw_state_images(np.zeros((3, 16, 32), np.uint8), 500, file)
     assert '100.0 % of all states are without events' in file.read_text()
 
 
 def test_a_single_state_is_drawn(tmp_path: Path, drawn_figures: list[Any]) -> None:
     """Once."""
-    draw_state_images(np.ones((1, 16, 32), np.uint8), 10, tmp_path / 'a.svg')
+    draw_state_images(np.ones((1, 16, 32), np.uint8), 500, tmp_path / 'a.svg')
     assert len(images(drawn_figures[0])) == 2

@@ -88,6 +88,15 @@ def test_a_value_of_one_is_what_makes_it_in_the_data_set() -> None:
     assert input_values(counts, ten).tolist() == pytest.approx([0, 0.025, 0.1, 0.175])
 
 
+def test_the_scale_holds_for_frames_of_another_length() -> None:
+    """40 in 100 ms are 4 in 10 ms, whether the frames have 10 ms or 50."""
+    scale = InputScale(frames=10, maximum=40, frame_ms=10)
+    for frames, frame_ms, expected in ((1, 10, 0.25), (2, 50, 0.025), (10, 10, 0.025)):
+        values = {'encoding.frames': frames, 'encoding.frame_ms': frame_ms}
+        parameters = DqnSnnParameters.from_mapping(values)
+        assert value_per_event(parameters, scale) == pytest.approx(expected)
+
+
 def test_counts_can_be_taken_without_a_scale() -> None:
     """As the authors' driver does: an input with an event then fires in every time step."""
     scale = InputScale(frames=10, maximum=40)

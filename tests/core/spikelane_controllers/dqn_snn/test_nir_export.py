@@ -119,6 +119,7 @@ def test_a_graph_is_read_back_as_it_was(tmp_path: Path) -> None:
         'dt': 0.001,
         'time_steps_per_observation': 10,
         'scale_frames': 10,
+        'scale_frame_s': 0.05,
         'scale_maximum': 40,
         'v_min': 0.0,
         'trace_decay': 0.8,

@@ -52,7 +52,7 @@ def test_it_learns_what_can_be_learnt() -> None:
     assert [each.step for each in learnt.curve] == [100, 200, 300]
     assert learnt.curve[-1].held_out == 1.0
     assert len(learnt.held_out.actions) == 60
-    assert learnt.scale == (10, 8)
+    assert learnt.scale == (10, 8, 50)
     shapes = [each.shape for each in learnt.network]
     assert shapes == [(16, 12), (16,), (3, 16)]
     more = learn_policy(states(), 4, 10, QUICK, np.random.default_rng(1))
@@ -106,7 +106,7 @@ def test_a_smaller_maximum_cuts_counts_off() -> None:
     assert accuracy(network, state, 8) == 1.0
     assert accuracy(network, state._replace(actions=np.array([0])), 2) == 1.0  # first of equals
     limited = dataclasses.replace(QUICK, maximum=5)
-    assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5)
+    assert learn_policy(states(), 3, 10, limited, np.random.default_rng(1)).scale == (10, 5, 50)
 
 
 def test_a_gain_is_taken_over_by_the_first_weights() -> None:

@@ -211,7 +211,8 @@ def _transfer(
 ) -> Mapping[str, Any]:
     del options  # the configuration has them
     gathered = cast(GatheringParameters, config.parameters['gathering'])
-    per_state = config.simulator.steps_of(gathered.decision.steps_per_action)
+    decision = gathered.decision
+    per_state = config.simulator.steps_of(decision.steps_per_action, decision.step_ms)
     # Every transfer has a group `transfer` with `steps`.
     training = int(config.parameters['transfer'].to_dict()['steps'])
     whole = gathered.states * per_state + training
