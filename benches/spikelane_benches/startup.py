@@ -12,6 +12,8 @@ from typing import Any
 
 import numba
 
+import spikelane_sim.compiled  # noqa: F401  # Numba as it is loaded for all kernels here
+
 _HELP = 'from spikelane_entry import main; main()'
 
 #: The first step of the loop says how much processor time has passed, and ends the process.
