@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 import sys
 
@@ -23,7 +24,7 @@ from speed_driving import drive, train
 from speed_figure import show
 from speed_racer import racer
 from speed_settings import (
-    NETWORK_SPEEDS,
+    NETWORK_SPEED,
     PERIODS_MS,
     Setting,
     SHIPPED,
@@ -39,6 +40,20 @@ FEW, MANY = range(3), range(10)
 CELLS = (*((period_ms, 0) for period_ms in PERIODS_MS), (10, 50), (10, 100), (10, 200))
 #: Speeds asked for on a straight lane: the last one is the top speed of a P3-DX [m/s].
 SPEEDS_M_S = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+#: Settings of experiments/speed.yaml by part: names of runs, control period and latency [ms].
+NETWORKS = {
+    'networks': ('fast', 10, 0),
+    'map networks, 20 ms, 0 ms': ('fast-period_ms-20-max_steps-3000', 20, 0),
+    'map networks, 5 ms, 0 ms': ('fast-period_ms-5-max_steps-12000', 5, 0),
+    **{
+        f'map networks, 10 ms, {latency_ms} ms': (f'fast-latency_ms-{latency_ms}', 10, latency_ms)
+        for latency_ms in (50, 100, 200)
+    },
+}
+#: Engines of the laps; those with other periods and latencies are driven with the first one.
+ENGINES = ('rigid', 'pybullet')
+#: What trains which network there.
+TRAININGS = (('train', 'dqn'), ('transfer', 'dqn_snn'))
 #: The reward at the end of the trainings of the goal, and for how long [s].
 SETTLING_C_R, SETTLING_S = 0.0025, 250.0
 #: How fractions are written to the data.
@@ -53,9 +68,10 @@ def main() -> None:
     if sys.argv[1] == 'show':
         show(pd.read_csv(data), Path(sys.argv[3]))
     elif sys.argv[1] == 'collect':
-        for scenario in SCENARIOS:
-            if rows := collect(Path(sys.argv[3]), scenario):
-                put_part(data, 'part', f'networks {scenario}', rows, DIGITS)
+        for part, (ending, period_ms, latency_ms) in NETWORKS.items():
+            rows = collect(Path(sys.argv[3]), ending, period_ms, latency_ms)
+            if rows:
+                put_part(data, 'part', part, rows, DIGITS)
     else:
         named = sys.argv[3:]
         chosen = {name: part for name, part in parts().items() if not named or name in named}
@@ -144,18 +160,29 @@ def errors() -> Rows:
     return rows
 
 
-def collect(runs: Path, scenario: int) -> Rows:
-    """Drive with the networks that experiments/speed.yaml has trained, a lap of each lane."""
+def collect(runs: Path, ending: str, period_ms: int, latency_ms: int) -> Rows:
+    """Drive with the networks that experiments/speed.yaml has trained, a lap of each lane.
+
+    Args:
+        runs: The experiment's folder.
+        ending: What names the setting in the names of the runs.
+        period_ms: The setting's control period.
+        latency_ms: The setting's latency.
+    """
     rows = []
-    for kind, controller in (('train', 'dqn'), ('transfer', 'dqn_snn')):
-        for folder in sorted(runs.glob(f'{kind}-{controller}-{scenario}-*')):
+    for scenario, (kind, controller) in product(SCENARIOS, TRAININGS):
+        for folder in sorted(runs.glob(f'{kind}-{controller}-{scenario}-rigid-{ending}-seed*')):
             if not (folder / 'metrics.json').exists():
                 continue  # it is not over
             seed = int(folder.name.rsplit('seed', 1)[1])
-            asked_m_s = NETWORK_SPEEDS[scenario] * STRAIGHT_RAD_S[controller] * WHEEL_M
-            setting = Setting(controller, str(folder), asked_m_s, 50)
-            for row in drive(setting, scenario, (seed,)):
-                rows.append({**row, 'weights': TRAINED})
+            asked_m_s = NETWORK_SPEED * STRAIGHT_RAD_S[controller] * WHEEL_M
+            for engine in ENGINES if not latency_ms and period_ms == 10 else ENGINES[:1]:
+                weights = str(folder)
+                setting = Setting(
+                    controller, weights, asked_m_s, period_ms, latency_ms, engine=engine
+                )
+                for row in drive(setting, scenario, (seed,)):
+                    rows.append({**row, 'weights': TRAINED})
     return rows
 
 

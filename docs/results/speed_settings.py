@@ -8,8 +8,8 @@ PERIODS_MS = (50, 20, 10, 5)
 WHEEL_M = 0.0975
 #: The wheels' mean velocity on a straight lane [rad/s] at `speed` 1.
 STRAIGHT_RAD_S = {'rstdp': 1.5, 'braitenberg': 1.5, 'dqn': 1.0, 'dqn_snn': 1.0}
-#: `simulator.speed` of the networks of experiments/speed.yaml, by scenario.
-NETWORK_SPEEDS = {1: 9.0, 2: 8.5, 3: 8.5}
+#: `simulator.speed` of the networks of experiments/speed.yaml.
+NETWORK_SPEED = 8.5
 SHIPPED, TRAINED = 'shipped', 'trained at this speed'
 P3DX = 'p3dx'
 #: A robot with a racing car's speed, its tyres and how hard it turns.
@@ -20,6 +20,25 @@ RACER = {
     'camera.pitch_deg': 25.0,
 }
 RACER_WHEEL_M = 0.0508
+
+
+#: Parameters of the networks of experiments/speed.yaml.
+FAST_NETWORKS: dict[str, dict[str, Any]] = {
+    'dqn': {
+        'image.frames': 8,
+        'image.frame_ms': 10,
+        'task.steps_per_action': 2,
+        'task.step_ms': 10,
+        'averaged': True,
+    },
+    'dqn_snn': {
+        'encoding.frames': 8,
+        'encoding.frame_ms': 10,
+        'neurons.simulated_ms': 50.0,
+        'neurons.reset': 'subtract',
+        'trace_decay': 0.02,
+    },
+}
 
 
 class Setting(NamedTuple):
@@ -55,18 +74,10 @@ class Setting(NamedTuple):
             shipped = {'checkpoint': f'scenario_{scenario}'}
             return found | ({} if self.controller == 'braitenberg' else shipped)
         if self.weights != TRAINED:
-            return found | fast_network(self.controller, scenario) | {'checkpoint': self.weights}
+            return found | FAST_NETWORKS[self.controller] | {'checkpoint': self.weights}
         if self.robot != P3DX:
             return found | racer_network(self.asked_m_s)
         return found | fast_steering(self.asked_m_s)
-
-
-def fast_network(controller: str, scenario: int) -> dict[str, Any]:
-    """Return the parameters of a network of experiments/speed.yaml."""
-    frames = 2 if scenario == 3 else 1  # of 50 ms
-    if controller == 'dqn':
-        return {'image.frames': frames, 'task.steps_per_action': 1, 'averaged': True}
-    return {'encoding.frames': frames, 'trace_decay': 0.3}
 
 
 def fast_steering(asked_m_s: float) -> dict[str, float]:
