@@ -112,7 +112,7 @@ def test_the_checkpoint_has_the_network_before_and_after(done: dict[str, Any]) -
     ann = [arrays[f'ann.{name}'] for name in transferred.network._fields]
     again = normalise(type(transferred.network)(*ann))
     assert all((a == b).all() for a, b in zip(again.network, transferred.network, strict=True))
-    assert transferred.scale == (10, done['maximum'])
+    assert transferred.scale == (10, done['maximum'], 50)
     assert facts['accuracy'] == done['accuracy']
     assert again.hidden_divisor == done['hidden_divisor']
 
