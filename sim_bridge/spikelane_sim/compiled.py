@@ -14,8 +14,9 @@ from numba.np import linalg
 def _skip_scipy() -> None:
     """Import the part of Numba that would import SciPy, without SciPy.
 
-    It only looks whether SciPy's BLAS is there, which takes as long as a third of the rest of a
-    command's start. No kernel here uses linear algebra; for one that does, Numba looks again.
+    It only looks whether SciPy's BLAS is there, which adds 0.12 s to the 0.6 s of processor time
+    that a lap takes to start. No kernel here uses linear algebra; for one that does, Numba looks
+    again.
     """
     if 'numba.np.arraymath' in sys.modules:
         return

@@ -13,7 +13,6 @@ import dataclasses
 from typing import NamedTuple
 
 import numba
-from numba.extending import register_jitable
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,7 +68,6 @@ def check_spikes(
     )
 
 
-@register_jitable
 def firing_rates(
     counts: Counts, parameters: PoissonParameters, share: float = 1.0
 ) -> NDArray[np.float64]:
@@ -77,7 +75,7 @@ def firing_rates(
 
     Args:
         counts: Events in each cell, (rows, columns).
-        parameters: The scale; in a kernel a named tuple of the same fields.
+        parameters: The scale.
         share: Length of the step in steps of 50 ms, for which max_events is.
 
     Returns:
@@ -87,7 +85,6 @@ def firing_rates(
     return np.minimum(counts, most).ravel() * (parameters.max_rate_hz / most)
 
 
-@register_jitable
 def poisson_spikes(
     rates_hz: NDArray[np.float64], rng: np.random.Generator, window: int = GRID_STEPS
 ) -> Spikes:
