@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import uncounted
 from spikelane_sim.fleet.kernel import HEADING, X, Y
 
 
-@inner
+@uncounted
 def write_down(robots, journey, i, left, right):  # type: ignore[no-untyped-def]
     """Write down an answer of robot i; return whether its episode goes on.
 
@@ -29,7 +29,7 @@ def write_down(robots, journey, i, left, right):  # type: ignore[no-untyped-def]
     return True
 
 
-@inner
+@uncounted
 def _write_place(place, motion, pose, known):  # type: ignore[no-untyped-def]
     """Write down where an observation was made, as a record of `PLACE_DTYPE`."""
     place['x_m'], place['y_m'], place['heading_rad'] = motion[X], motion[Y], motion[HEADING]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim import raster
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import uncounted
 from spikelane_sim.events import Events
 from spikelane_sim.kernel_arrays import stack_array
 from spikelane_sim.pixels.images import lowest_bit
@@ -115,7 +115,7 @@ def render_planes(  # type: ignore[no-untyped-def]
     return True
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _draw(scan, first, last, width, plane):  # type: ignore[no-untyped-def]
     """Set the bits of pixels whose centres a scan covers, in rows first to last."""
     spans = stack_array((2, 128), np.float64)
@@ -124,7 +124,7 @@ def _draw(scan, first, last, width, plane):  # type: ignore[no-untyped-def]
         _draw_rows(scan, top, min(top + rows, last), width, spans, plane)
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _draw_rows(scan, first, last, width, spans, plane):  # type: ignore[no-untyped-def]
     """Set these bits in rows first to last, at most as many as `spans`, (2, n), has room for.
 
@@ -157,7 +157,7 @@ def _draw_rows(scan, first, last, width, spans, plane):  # type: ignore[no-untyp
         _fill(plane, first + k, max(left, high, low), right)
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _fill(plane, row, begin, end):  # type: ignore[no-untyped-def]
     """Set the bits of the pixels whose centres lie from begin to end [px]."""
     if not begin < end:
@@ -213,7 +213,7 @@ def fire_planes(  # type: ignore[no-untyped-def]
     return number
 
 
-@inner
+@uncounted
 def _level(floor, marking, bit):  # type: ignore[no-untyped-def]
     """Return which intensity a pixel has: 0 background, 1 floor, 2 marking."""
     shift = np.uint64(bit)

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import uncounted
 
 #: A curve, (n_segments, 8).
 Curve = NDArray[np.float64]
@@ -154,7 +154,7 @@ def nearest_on_curve(
     return right, error, position, index
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _nearest_on_segment(row: Curve, x: float, y: float) -> tuple[float, float, float]:
     """Return arc length from the segment's start, distance to the right, squared distance.
 

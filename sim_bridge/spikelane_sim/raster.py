@@ -23,7 +23,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.compiled import inlined, inner
+from spikelane_sim.compiled import inlined, uncounted
 from spikelane_sim.kernel_arrays import stack_array
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def render(
     return True
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def find_view(lens: Array, pose: Array, view: Array) -> None:
     """Find the camera's axes and place in the world, (4, 3)."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
@@ -146,7 +146,7 @@ def find_view(lens: Array, pose: Array, view: Array) -> None:
         )
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def find_homography(lens: Array, view: Array, ground: Array) -> None:
     """Find the coefficients of X, Y, W for u, v and 1, (3, 3)."""
     for i in range(3):
@@ -160,7 +160,7 @@ def find_homography(lens: Array, view: Array, ground: Array) -> None:
         ground[_Y, j] += view[EYE, 1] * ground[_W, j]
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def find_pieces(
     pieces: Array, view: Array, lens: Array, width: int, found: NDArray[np.int64]
 ) -> int:
@@ -197,7 +197,7 @@ def find_pieces(
     return number
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> tuple[int, int]:
     """Return the range of rows that a piece can be seen in, empty where it is out of sight."""
     forward = view[FORWARD]
@@ -226,7 +226,7 @@ def rows_of(piece: Array, view: Array, lens: Array, height: int, width: int) -> 
     return int(min(max(top - 1.0, 0.0), height)), int(max(min(bottom + 2.0, height), 0.0))
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def clip_depth(scan: Scan, ground: Array, lens: Array) -> None:
     """Begin a scan: what is between the clipping planes."""
     scan.n[:] = 0
@@ -236,7 +236,7 @@ def clip_depth(scan: Scan, ground: Array, lens: Array) -> None:
     _bound(scan, -w[0], -w[1], 1.0 / lens[NEAR] - w[2])
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _bound(scan: Scan, a: float, b: float, c: float) -> None:
     """Bound the scan by a u + b v + c >= 0."""
     if a == 0.0:
@@ -248,7 +248,7 @@ def _bound(scan: Scan, a: float, b: float, c: float) -> None:
     scan.n[which] += 1
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def clip_piece(scan: Scan, ground: Array, piece: Array) -> None:
     """Bound the scan by the edges of a piece."""
     is_arc = piece[IS_ARC] != 0.0
@@ -269,7 +269,7 @@ def clip_piece(scan: Scan, ground: Array, piece: Array) -> None:
         scan.squared[1] = piece[ARC + 3] ** 2
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _draw(
     scan: Scan, first: int, last: int, n_rows: int, inside: float, outside: float, image: Image
 ) -> None:
@@ -291,7 +291,7 @@ def _draw(
             _fill(image, row, max(begin, high, low), end, n_rows, inside, outside)
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def between_bounds(scan: Scan, v: float, width: float) -> tuple[float, float]:
     """Return the interval of u between the straight bounds at height v."""
     begin, end = 0.0, width
@@ -302,7 +302,7 @@ def between_bounds(scan: Scan, v: float, width: float) -> tuple[float, float]:
     return begin, end
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def within_circle(scan: Scan, v: float, squared: float) -> tuple[float, float]:
     """Return the interval of u where X^2 + Y^2 <= squared W^2 in front of the camera.
 
@@ -325,7 +325,7 @@ def within_circle(scan: Scan, v: float, squared: float) -> tuple[float, float]:
     return (high, np.inf) if w[0] > 0.0 else (-np.inf, low)
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _fill(
     image: Image, row: int, begin: float, end: float, n_rows: int, inside: float, outside: float
 ) -> None:
@@ -348,7 +348,7 @@ def _fill(
         image[row, last] += weight * (end - last)
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _limit(image: Image, low: float, high: float) -> None:
     """Take back what markings that overlap added twice, and rounding."""
     for i in range(image.shape[0]):
@@ -379,7 +379,7 @@ def are_painted(pieces: Array, x: Array, y: Array) -> NDArray[np.bool_]:
     return painted
 
 
-@inner(error_model='numpy')
+@uncounted(error_model='numpy')
 def _is_inside(piece: Array, x: float, y: float) -> bool:
     dx, dy = x - piece[AROUND], y - piece[AROUND + 1]
     if dx * dx + dy * dy > piece[AROUND + 2] * piece[AROUND + 2]:

@@ -15,11 +15,16 @@ from spikelane_controllers.spiking.fleet_kernel import (
     most_inputs,
     turn_wheels,
 )
+from spikelane_controllers.spiking.neuron import LANES
 from spikelane_controllers.spiking.plasticity import PlasticNetwork
-from spikelane_controllers.spiking.plasticity_kernel import run, Workspace
+from spikelane_controllers.spiking.plasticity_lanes import make_arriving, run_several
+from spikelane_controllers.spiking.plasticity_window import take_up, Workspace
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
 from spikelane_sim.compiled import inner
-from spikelane_sim.kernel_arrays import borrowed
+from spikelane_sim.kernel_arrays import borrowed, stack_array
+
+#: Robots whose networks, of two neurons each, run at the same time.
+_TOGETHER = LANES // 2
 
 
 class _Networks(NamedTuple):
@@ -28,6 +33,7 @@ class _Networks(NamedTuple):
     Attributes:
         work: The arrays of `Workspace`, each with a row for each robot.
         n_flying: How many spikes of `work.flying` count, (n_robots,).
+        n_fired: How many spikes of `work.fired` count, (n_robots,).
         is_learning: Whether the weights change, (n_robots,).
         c_r: Dopamine for each metre [1/(ms m)].
         network: As the kernel of the learning synapses has it.
@@ -37,6 +43,7 @@ class _Networks(NamedTuple):
 
     work: Workspace
     n_flying: NDArray[np.int64]
+    n_fired: NDArray[np.int64]
     is_learning: NDArray[np.bool_]
     c_r: float
     network: NDArray[np.void]
@@ -54,6 +61,7 @@ class RStdpFleet(SpikingFleet):
         return _Networks(
             work=_rows(number, first, self._parameters),
             n_flying=np.zeros(number, np.int64),
+            n_fired=np.zeros(number, np.int64),
             is_learning=np.zeros(number, np.bool_),
             c_r=self._parameters.c_r,
             network=first.network,
@@ -97,41 +105,56 @@ def _row(work: Workspace, robot: int) -> Workspace:
 def _advance(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, networks, journey, first, last
 ):
-    """Let robots first to last drive, one after the other: its arrays stay in the cache."""
+    """Let robots first to last drive, some at a time, as their networks are quicker together."""
     world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
     motors, networks, journey = borrowed(motors), borrowed(networks), borrowed(journey)
-    for i in range(first, last):
-        journey.taken[i], journey.has_ended[i] = 0, False
-        while journey.taken[i] < journey.wanted[i]:
-            inputs = draw_inputs(motors, template, i)
-            if networks.n_flying[i] + len(inputs) > networks.work.flying.shape[1]:
-                networks.has_overflown[i] = True
+    arriving, members = make_arriving(networks.network), stack_array((_TOGETHER,), np.int64)
+    number, following = 0, first
+    while True:
+        while number < _TOGETHER and following < last:
+            journey.taken[following], journey.has_ended[following] = 0, False
+            if journey.wanted[following] > 0:
+                members[number] = following
+                number += 1
+            following += 1
+        if number == 0:
+            return
+        for m in range(number):
+            if not _see(motors, networks, template, robots, members[m]):
                 return
-            left, right = _answer(networks, motors, robots.known[i].distance_m, inputs, i)
-            if not drive_on(world, robots, scratch, template, motors, journey, i, left, right):
-                break
+        run_several(
+            networks.work,
+            networks.n_flying,
+            networks.n_fired,
+            members[:number],
+            networks.network,
+            networks.tables,
+            arriving,
+        )
+        going = 0
+        for m in range(number):
+            i = members[m]
+            fired = networks.work.fired[i, : networks.n_fired[i]]
+            left, right = turn_wheels(motors, i, fired)
+            if (
+                drive_on(world, robots, scratch, template, motors, journey, i, left, right)
+                and journey.taken[i] < journey.wanted[i]
+            ):
+                members[going] = i
+                going += 1
+        number = going
 
 
 @inner
-def _answer(networks, motors, distance_m, inputs, i):  # type: ignore[no-untyped-def]
-    """Return the wheels' velocities with which robot i answers; see `RStdp.step`."""
+def _see(motors, networks, template, robots, i):  # type: ignore[no-untyped-def]
+    """Give robot i's network inputs and dopamine (`RStdp.step`); return False without room."""
     work = networks.work
+    inputs = draw_inputs(motors, template, i)
+    if networks.n_flying[i] + len(inputs) > work.flying.shape[1]:
+        networks.has_overflown[i] = True
+        return False
+    networks.n_flying[i] = take_up(work.flying[i], networks.n_flying[i], inputs)
+    distance_m = robots.known[i].distance_m
     dopamine = networks.c_r * distance_m if networks.is_learning[i] else 0.0
     work.dopamine[i, 0], work.dopamine[i, 1] = -dopamine, dopamine
-    n_flying, n_fired = run(
-        work.neurons[i],
-        work.synapses[i],
-        work.dopamine[i],
-        work.arriving_pa[i],
-        work.arrived_pa[i],
-        work.posts[i],
-        work.flying[i],
-        work.fired[i],
-        work.counts[i],
-        networks.network,
-        networks.tables,
-        networks.n_flying[i],
-        inputs,
-    )
-    networks.n_flying[i] = n_flying
-    return turn_wheels(motors, i, work.fired[i, :n_fired])
+    return True

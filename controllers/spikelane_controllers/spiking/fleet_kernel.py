@@ -13,7 +13,7 @@ from spikelane_controllers.fleet_kernel import write_down
 from spikelane_controllers.spiking.poisson import PoissonScale, Shares, spikes_of_counts
 from spikelane_controllers.spiking.spikes import grid_steps
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import inner, uncounted
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import simulate
@@ -108,7 +108,7 @@ def draw_inputs(motors, template, i):  # type: ignore[no-untyped-def]
     return spikes
 
 
-@inner
+@uncounted
 def turn_wheels(motors, i, fired):  # type: ignore[no-untyped-def]
     """Return the wheels' velocities [rad/s] that follow from robot i's spikes, (left, right)."""
     left, right = 0, 0

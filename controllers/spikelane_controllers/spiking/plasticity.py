@@ -14,14 +14,8 @@ from spikelane_controllers.spiking.neuron import (
     NEURON_DTYPE,
     Neurons,
 )
-from spikelane_controllers.spiking.plasticity_kernel import (
-    NETWORK_DTYPE,
-    POST_DTYPE,
-    Posts,
-    run,
-    SYNAPSE_DTYPE,
-    Workspace,
-)
+from spikelane_controllers.spiking.plasticity_kernel import run
+from spikelane_controllers.spiking.plasticity_window import NETWORK_DTYPE, Workspace
 from spikelane_controllers.spiking.spikes import (
     GRID_STEPS,
     grid_steps,
@@ -30,6 +24,7 @@ from spikelane_controllers.spiking.spikes import (
     Spikes,
 )
 from spikelane_controllers.spiking.synapse import SynapseRule
+from spikelane_controllers.spiking.synapse_kernel import POST_DTYPE, Posts, SYNAPSE_DTYPE
 from spikelane_sim.errors import ParameterError
 
 Weights = NDArray[np.float64]

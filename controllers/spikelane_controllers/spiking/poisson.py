@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.spikes import GRID_MS, GRID_STEPS, SPIKE_DTYPE, Spikes
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import inner, uncounted
 from spikelane_sim.encoding import Counts, EncodingParameters
 from spikelane_sim.parameters import check_size, parameter, Parameters
 
@@ -159,7 +159,7 @@ def spikes_of_counts(counts, scale, share, window, rng, shares):  # type: ignore
     return _in_order(spikes, window)
 
 
-@inner
+@uncounted
 def _add_input(  # type: ignore[no-untyped-def]
     bounds_hz, sources, active, source, below_hz, bound_hz
 ):
@@ -169,7 +169,7 @@ def _add_input(  # type: ignore[no-untyped-def]
     return active + (bound_hz > below_hz)  # without a branch, which would be unpredictable
 
 
-@inner
+@uncounted
 def _place_one(  # type: ignore[no-untyped-def]
     spikes, k, uniform, bounds_hz, sources, active, window
 ):
@@ -208,7 +208,7 @@ def _in_order(spikes, window):  # type: ignore[no-untyped-def]
     return in_order
 
 
-@inner
+@uncounted
 def _insert(spikes):  # type: ignore[no-untyped-def]
     """Sort spikes that are nearly in order."""
     for k in range(1, len(spikes)):

@@ -42,8 +42,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.network import DelayParameters
-from spikelane_controllers.spiking.plasticity_kernel import RULE_DTYPE
 from spikelane_controllers.spiking.spikes import GRID_MS, GRID_STEPS, grid_steps
+from spikelane_controllers.spiking.synapse_kernel import RULE_DTYPE
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.parameters import parameter, Parameters
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_sim.bit_planes import fire_planes, render_planes
-from spikelane_sim.compiled import copy, inlined, inner
+from spikelane_sim.compiled import copy, inlined, inner, uncounted
 from spikelane_sim.curve import nearest_on_curve
 from spikelane_sim.episode_rules import (
     admit,
@@ -222,7 +222,7 @@ def simulate(  # type: ignore[no-untyped-def]
     return events
 
 
-@inner
+@uncounted
 def _know(known, progress):  # type: ignore[no-untyped-def]
     """Write down a `Progress`."""
     known.position_m, known.progress_m = progress.position_m, progress.progress_m
@@ -231,7 +231,7 @@ def _know(known, progress):  # type: ignore[no-untyped-def]
     known.reason = progress.reason
 
 
-@inner
+@uncounted
 def _carry(known, commands, latency_steps, left, right):  # type: ignore[no-untyped-def]
     """Send a command; return the one that arrives (`communication_link`)."""
     rows = commands.shape[0]
@@ -419,13 +419,13 @@ def _add_noise(world, rate_hz, rng, scratch, number, step):  # type: ignore[no-u
     return number
 
 
-@inner
+@uncounted
 def _copy(to, event):  # type: ignore[no-untyped-def]
     to['t'], to['x'], to['y'] = event.t, event.x, event.y
     to['polarity'] = event.polarity
 
 
-@inner
+@uncounted
 def _lose(rng, events, number, event_loss):  # type: ignore[no-untyped-def]
     """Keep the events that reach the controller (`communication_link`); return how many."""
     kept = 0

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import uncounted
 from spikelane_sim.errors import SpikelaneError
 
 #: Pixels whose comparison makes one word of bits.
@@ -71,7 +71,7 @@ def no_reset() -> SpikelaneError:
     return SpikelaneError('pixel model: expected a reset before the first step, got none')
 
 
-@inner
+@uncounted
 def lowest_bit(word: np.uint64) -> np.int64:
     """Return the number, from 0, of the lowest bit set in a word that has any."""
     lowest = word & (~word + np.uint64(1))

@@ -56,7 +56,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import uncounted
 from spikelane_sim.contract import RobotState, WheelVelocities
 from spikelane_sim.engine import Engine
 from spikelane_sim.period import PERIOD_MS
@@ -245,7 +245,7 @@ def drive_step(body, state, left, right, substeps, poses):  # type: ignore[no-un
     state[_RIGHT] += (driven_m + body.track_m / 2 * turned_rad) / r
 
 
-@inner
+@uncounted
 def _write_pose(pose, x_m, y_m, z_m, heading_rad):  # type: ignore[no-untyped-def]
     pose[0], pose[1], pose[2] = x_m, y_m, z_m
     pose[3], pose[4] = 0.0, 0.0

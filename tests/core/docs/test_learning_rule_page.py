@@ -85,7 +85,7 @@ def test_the_code_of_the_page_is_the_code() -> None:
     """Every block, line by line, in the file that the page names."""
     folder = ROOT / 'controllers/spikelane_controllers'
     blocks = re.findall(r'^```python\n(.*?)^```', PAGE, re.M | re.S)
-    kernel = (folder / 'spiking/plasticity_kernel.py').read_text('utf-8')
+    kernel = (folder / 'spiking/synapse_kernel.py').read_text('utf-8')
     controller = (folder / 'rstdp/controller.py').read_text('utf-8')
     assert len(blocks) == 4
     for block, source in zip(blocks, (kernel, kernel, kernel, controller), strict=True):
