@@ -42,6 +42,36 @@ SWEEPS = {
     'quick': ('discount', 'reward_sigma_m'),
     'near': ('learning_rate', 'soft_update', 'buffer_size'),
 }
+#: The settings of the sweeps in common.
+BEST = {
+    'discount': 0.9,
+    'reward_sigma_m': 0.05,
+    'learning_rate': 5e-4,
+    'soft_update': 0.005,
+    'buffer_size': 20000,
+    'averaged': True,
+}
+#: Pairs of settings whose errors are compared seed by seed: what differs from `BEST`.
+PAIRS: tuple[tuple[str, dict[str, float], dict[str, float]], ...] = (
+    *(
+        (f'reward of 0.15 m, not 0.05 m, discount {discount}',
+         {'discount': discount, 'reward_sigma_m': 0.15}, {'discount': discount})
+        for discount in (0.8, 0.9, 0.95, 0.99)
+    ),
+    ('discount 0.9, not 0.8', {}, {'discount': 0.8}),
+    ('discount 0.99, not 0.9', {'discount': 0.99}, {}),
+    *(
+        (f'learning network, not its average, discount {discount}',
+         {'discount': discount, 'averaged': False}, {'discount': discount})
+        for discount in (0.8, 0.9, 0.95, 0.99)
+    ),
+    ('learning rate 5e-4, not 1e-4, buffer 5,000',
+     {'buffer_size': 5000}, {'buffer_size': 5000, 'learning_rate': 1e-4}),
+    ('learning rate 5e-4, not 1e-4, buffer 20,000', {}, {'learning_rate': 1e-4}),
+    ('buffer 20,000, not 5,000, learning rate 1e-4',
+     {'learning_rate': 1e-4}, {'learning_rate': 1e-4, 'buffer_size': 5000}),
+    ('buffer 20,000, not 5,000, learning rate 5e-4', {}, {'buffer_size': 5000}),
+)  # fmt: skip
 #: Errors beyond are drawn there, as are laps that were not completed [m].
 WORST_M = 0.1
 UNDONE_M = 0.14
@@ -170,6 +200,23 @@ def print_sweep(data: pd.DataFrame, sweep: str) -> None:
         )
 
 
+def errors_of(data: pd.DataFrame, differs: dict[str, float]) -> pd.Series:
+    """Return the mean error of the completed laps of each seed [m], with a setting."""
+    mine = data[(data['setting'] != 'best') & data['completed']]
+    for name, value in {**BEST, **differs}.items():
+        mine = mine[mine[name] == value]
+    return mine.groupby('seed')['error_m'].mean()
+
+
+def print_differences(data: pd.DataFrame) -> None:
+    """Print how much larger the error of one setting is than that of another, seed by seed."""
+    print_row('what differs', 'seeds', 'by how much the error is larger ± s (95 %)')
+    print_row(*['---'] * 3)
+    for name, one, other in PAIRS:
+        by_seed = (errors_of(data, one) - errors_of(data, other)).dropna()
+        print_row(name, str(len(by_seed)), mean_of(1000 * by_seed, '.1f', 'mm'))
+
+
 def draw_sweep(axes: Axes, data: pd.DataFrame, sweep: str) -> None:
     """Draw all laps of a sweep, a row for each setting."""
     names = SWEEPS[sweep]
@@ -227,6 +274,8 @@ def show(path: Path, figure: Path) -> None:
     for sweep in SWEEPS:
         print()
         print_sweep(data, sweep)
+    print()
+    print_differences(data)
     draw(figure, data)
 
 
