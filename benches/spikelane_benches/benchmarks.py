@@ -120,7 +120,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     'closed-loop-rigid': Benchmark(_rigid, 'steps_per_s', 8000, True, 'steps/s'),
     'closed-loop-kinematic': Benchmark(_kinematic, 'steps_per_s', 8000, True, 'steps/s'),
     'engines': Benchmark(_engines, 'ratio', 30, True, "x pybullet, the robot's step"),
-    'fleet': Benchmark(_fleet, 'ratio', 2.5, True, 'x the single simulator, R-STDP learning'),
+    'fleet': Benchmark(_fleet, 'ratio', 4, True, 'x the single simulator, R-STDP learning'),
     'renderer': Benchmark(_renderer, 'ratio', 30, True, 'x TinyRenderer'),
     'lockstep': Benchmark(_lockstep, 'round_trips', 1.3, False, 'round trips of a ping-pong'),
     'dqn': Benchmark(_dqn, 'ratio', 0.5, False, "of Stable-Baselines3's time"),

@@ -19,13 +19,19 @@ from spikelane.runs.folder import RunFolder
 from spikelane.runs.train.config import TrainConfig
 from spikelane.runs.train.run import train
 
-#: Engine and backend of each training; the first one is what the others are compared with.
-TRAININGS = (
-    ('pybullet', 'torch'),
-    ('pybullet', 'numba'),
-    ('rigid', 'torch'),
-    ('rigid', 'numba'),
-)
+#: Parameters of each training; the first one is what the others are compared with.
+TRAININGS: dict[str, dict[str, Any]] = {
+    'pybullet_torch': {'simulator.robot.engine': 'pybullet', 'dqn.q_learning.backend': 'torch'},
+    'pybullet_numba': {'simulator.robot.engine': 'pybullet', 'dqn.q_learning.backend': 'numba'},
+    'pybullet_10ms_numba': {
+        'simulator.robot.engine': 'pybullet',
+        'simulator.robot.pybullet.physics_step_s': 0.01,
+        'dqn.q_learning.backend': 'numba',
+    },
+    'rigid_torch': {'simulator.robot.engine': 'rigid', 'dqn.q_learning.backend': 'torch'},
+    'rigid_numba': {'simulator.robot.engine': 'rigid', 'dqn.q_learning.backend': 'numba'},
+}
+_REFERENCE = next(iter(TRAININGS))
 #: Soon over, so that nearly every fourth action is followed by an update.
 _RANDOM_STEPS = 100
 
@@ -50,37 +56,31 @@ def measure_dqn_training(actions: int = 1500, repeats: int = 3) -> dict[str, Any
             for name, value in values.items():
                 found.setdefault(name, []).append(value)
     result = {name: statistics.median(values) for name, values in found.items()}
-    for engine, backend in TRAININGS[1:]:
-        name = f'{engine}_{backend}'
+    for name in TRAININGS.keys() - {_REFERENCE}:
         result |= {f'{name}_low': min(found[name]), f'{name}_high': max(found[name])}
     return result
 
 
 def _measure(actions: int, seed: int) -> dict[str, float]:
     spent_us: dict[str, float] = {}
-    for engine, backend in TRAININGS:
+    for name, parameters in TRAININGS.items():
         with tempfile.TemporaryDirectory() as folder:
-            least_steps = 0 if spent_us else math.inf
+            least_steps = math.inf if name == _REFERENCE else 0
             with unittest.mock.patch.object(setting, 'LEAST_STEPS', least_steps):
-                spent_us[f'{engine}_{backend}'] = _train_us(engine, backend, actions, seed, folder)
-    reference_us = spent_us['pybullet_torch']
+                spent_us[name] = _train_us(parameters, actions, seed, folder)
     return {
         **{f'{name}_us': each for name, each in spent_us.items()},
         **{
-            name: each / reference_us
+            name: each / spent_us[_REFERENCE]
             for name, each in spent_us.items()
-            if name != 'pybullet_torch'
+            if name != _REFERENCE
         },
         'rigid_driving_us': _drive_us(actions, seed),
     }
 
 
-def _train_us(engine: str, backend: str, actions: int, seed: int, folder: str) -> float:
-    parameters = {
-        'simulator.robot.engine': engine,
-        'dqn.q_learning.backend': backend,
-        'dqn.q_learning.random_steps': _RANDOM_STEPS,
-    }
+def _train_us(parameters: dict[str, Any], actions: int, seed: int, folder: str) -> float:
+    parameters = {**parameters, 'dqn.q_learning.random_steps': _RANDOM_STEPS}
     config = TrainConfig.make(Request('1', 'dqn', seed, 'inprocess', parameters), actions)
     begin_s = time.process_time()
     train(config, RunFolder(Path(folder)), lambda *_: None, resume=False)

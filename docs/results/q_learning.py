@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""Compares Numba with PyTorch in deep Q-learning: prints the tables of docs/results/q_learning.md.
+"""Compares trainings of deep Q-learning in pairs: prints the tables of docs/results/q_learning.md.
 
-source setup/env.sh; docs/results/q_learning.py runs/q_learning docs/results/q_learning.png
+source setup/env.sh
+docs/results/q_learning.py runs/q_learning docs/results/q_learning.png
+docs/results/q_learning.py runs/physics_step docs/results/physics_step.png
 
-Trainings and laps are read from the folder that experiments/q_learning.yaml has left. What is
+Trainings and laps are read from the folder that the experiment of this name has left. What is
 compared is also written next to the figure, as CSV with a row for each training.
 """
 
@@ -33,8 +35,24 @@ from spikelane_sim.figure_style import (
     settings,
 )
 
-BACKENDS = ('torch', 'numba')
-TITLES = {'torch': 'PyTorch', 'numba': 'Numba'}
+
+class Comparison(NamedTuple):
+    """Two variants of an experiment."""
+
+    engine: str
+    varied: str  # column of the data
+    titles: dict[str, str]  # of the variants; the second one is compared with the first one
+    ratio: str
+
+
+COMPARISONS = {
+    'q_learning': Comparison(
+        'rigid', 'backend', {'torch': 'PyTorch', 'numba': 'Numba'}, 'Numba to PyTorch'
+    ),
+    'physics_step': Comparison(
+        'pybullet', 'physics_step', {'5ms': '5 ms', '10ms': '10 ms'}, '10 ms to 5 ms'
+    ),
+}
 SEEDS = range(10)
 #: Actions over which rewards are averaged in the curve.
 WINDOW = 2000
@@ -87,12 +105,12 @@ QUANTITIES = (
 )
 
 
-def read(folder: Path, backend: str, seed: int) -> Learnt:
-    """Read a training and its laps."""
-    path = folder / f'train-dqn-1-rigid-{backend}-seed{seed}'
+def read(folder: Path, name: str, seed: int) -> Learnt:
+    """Read a training, by its engine and variant, and its laps."""
+    path = folder / f'train-dqn-1-{name}-seed{seed}'
     facts = read_checkpoint(path, 'dqn').facts
     metrics = json.loads((path / 'metrics.json').read_text('utf-8'))
-    laps = folder / f'evaluate-dqn-1-rigid-{backend}-seed{seed}' / 'metrics.json'
+    (laps,) = folder.glob(f'evaluate-dqn-1-{name}-*seed{seed}/metrics.json')
     errors_m = [
         lap['mean_abs_distance_m']
         for lap in json.loads(laps.read_text('utf-8'))['laps']
@@ -118,13 +136,15 @@ def curve_of(facts: Any) -> NDArray[np.float64]:
     return np.diff(np.interp(ends, [0, *actions], [0, *rewards])) / WINDOW
 
 
-def compare(learnt: dict[str, list[Learnt]]) -> list[tuple[str, dict[str, Any]]]:
+def compare(
+    comparison: Comparison, learnt: dict[str, list[Learnt]]
+) -> list[tuple[str, dict[str, Any]]]:
     """Print and return the tests of equivalence."""
     tests = []
-    print_row('quantity', *TITLES.values(), *EQUIVALENCE_COLUMNS)
+    print_row('quantity', *comparison.titles.values(), *EQUIVALENCE_COLUMNS)
     print_row(*['---'] * 7)
     for name, _, value, margin, form in QUANTITIES:
-        pairs = np.array([[value(each) for each in learnt[backend]] for backend in BACKENDS])
+        pairs = np.array([[value(each) for each in found] for found in learnt.values()])
         found = equivalence_statistics(np.log(pairs[1] / pairs[0]).tolist(), math.log(margin))
         tests.append((name, found))
         print_row(
@@ -135,45 +155,50 @@ def compare(learnt: dict[str, list[Learnt]]) -> list[tuple[str, dict[str, Any]]]
     return tests
 
 
-def write_data(path: Path, learnt: dict[str, list[Learnt]]) -> None:
+def write_data(path: Path, varied: str, learnt: dict[str, list[Learnt]]) -> None:
     """Write what is compared, a row for each training."""
     rows = [
         {
-            'backend': backend,
+            varied: name,
             'seed': seed,
             'solved': each.is_solved,
             'laps_completed': len(each.errors_m),
             **{quantity.column: quantity.value(each) for quantity in QUANTITIES},
             'processor_s': each.cpu_s,
         }
-        for backend, trainings in learnt.items()
+        for name, trainings in learnt.items()
         for seed, each in zip(SEEDS, trainings, strict=True)
     ]
     pd.DataFrame(rows).to_csv(path, index=False)
 
 
 def draw(
-    path: Path, learnt: dict[str, list[Learnt]], tests: list[tuple[str, dict[str, Any]]]
+    path: Path,
+    comparison: Comparison,
+    learnt: dict[str, list[Learnt]],
+    tests: list[tuple[str, dict[str, Any]]],
 ) -> None:
     """Draw the learning curves and the tests."""
     with settings():
         figure = new_figure(9.6, 3.6)
         figure.set_layout_engine('constrained')
         curves, margins = figure.subplots(1, 2)
-        _draw_curves(curves, learnt)
-        draw_tests(margins, tests, 'Numba to PyTorch')
-        margins.set_xlabel('log ratio, Numba to PyTorch\n(in parts of its margin; 90 %)')
+        _draw_curves(curves, comparison, learnt)
+        draw_tests(margins, tests, comparison.ratio)
+        margins.set_xlabel(f'log ratio, {comparison.ratio}\n(in parts of its margin; 90 %)')
         margins.set_title('Equivalence')
         save(figure, path)
 
 
-def _draw_curves(axes: Axes, learnt: dict[str, list[Learnt]]) -> None:
-    for backend, colour in zip(BACKENDS, (RIGHT, LEFT), strict=True):
-        curves = np.array([each.curve for each in learnt[backend]])
+def _draw_curves(axes: Axes, comparison: Comparison, learnt: dict[str, list[Learnt]]) -> None:
+    for (name, found), colour in zip(learnt.items(), (RIGHT, LEFT), strict=True):
+        curves = np.array([each.curve for each in found])
         actions = (np.arange(curves.shape[1]) + 0.5) * WINDOW
         for curve in curves:
             axes.plot(actions, curve, color=colour, linewidth=0.5, alpha=0.4)
-        axes.plot(actions, curves.mean(0), color=colour, linewidth=2, label=TITLES[backend])
+        axes.plot(
+            actions, curves.mean(0), color=colour, linewidth=2, label=comparison.titles[name]
+        )
     axes.set(
         xlabel='action steps',
         ylabel=f'reward of an action, mean of {WINDOW:,}',
@@ -185,18 +210,22 @@ def _draw_curves(axes: Axes, learnt: dict[str, list[Learnt]]) -> None:
 def main() -> None:
     """Print the tables and draw the figure."""
     folder, figure = map(Path, sys.argv[1:3])
-    learnt = {backend: [read(folder, backend, seed) for seed in SEEDS] for backend in BACKENDS}
-    for backend, found in learnt.items():
+    comparison = COMPARISONS[figure.stem]
+    learnt = {
+        name: [read(folder, f'{comparison.engine}-{name}', seed) for seed in SEEDS]
+        for name in comparison.titles
+    }
+    for name, found in learnt.items():
         laps = sum(len(each.errors_m) for each in found)
         solved = sum(each.is_solved for each in found)
         cpu_us = 1e6 * sum(each.cpu_s for each in found) / sum(each.actions for each in found)
         print(
-            f'- {TITLES[backend]}: {solved} of {len(found)} solved, {laps} laps completed, '
-            f'{cpu_us:.0f} µs of processor time for an action'
+            f'- {comparison.titles[name]}: {solved} of {len(found)} solved, {laps} laps '
+            f'completed, {cpu_us:.0f} µs of processor time for an action'
         )
     print()
-    write_data(figure.with_suffix('.csv'), learnt)
-    draw(figure, learnt, compare(learnt))
+    write_data(figure.with_suffix('.csv'), comparison.varied, learnt)
+    draw(figure, comparison, learnt, compare(comparison, learnt))
 
 
 if __name__ == '__main__':

@@ -101,7 +101,7 @@ def test_both_backends_of_q_learning_are_timed() -> None:
 def test_trainings_of_the_dqn_are_timed() -> None:
     """With both engines and both backends, each against pybullet and PyTorch."""
     result = measure_dqn_training(actions=30, repeats=1)
-    for name in ('pybullet_numba', 'rigid_torch', 'rigid_numba'):
+    for name in ('pybullet_numba', 'pybullet_10ms_numba', 'rigid_torch', 'rigid_numba'):
         assert result[name] == pytest.approx(result[f'{name}_us'] / result['pybullet_torch_us'])
         assert result[f'{name}_low'] == result[name] == result[f'{name}_high']
     assert all(value > 0 for value in result.values())
