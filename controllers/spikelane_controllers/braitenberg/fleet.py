@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.braitenberg.controller import Braitenberg
 from spikelane_controllers.spiking.fleet_kernel import (
-    draw_inputs,
-    drive_on,
+    drive_together,
+    gather,
+    let_fly,
     most_inputs,
-    turn_wheels,
+    TOGETHER,
 )
-from spikelane_controllers.spiking.network import NetworkState, run_kernel
-from spikelane_controllers.spiking.neuron import Constants, NEURON_DTYPE, Neurons
-from spikelane_controllers.spiking.spikes import SPIKE_DTYPE, Spikes
+from spikelane_controllers.spiking.network import most_fired, NetworkState, run_several
+from spikelane_controllers.spiking.neuron import Constants, LANES, NEURON_DTYPE, Neurons
+from spikelane_controllers.spiking.spikes import grid_steps, SPIKE_DTYPE, Spikes
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
-from spikelane_sim.compiled import inner
-from spikelane_sim.kernel_arrays import borrowed
+from spikelane_sim.kernel_arrays import borrowed, stack_array
 
 
 class _Networks(NamedTuple):
@@ -30,6 +30,8 @@ class _Networks(NamedTuple):
         neurons: States of the neurons, of NEURON_DTYPE, (n_robots, 2).
         flying: Spikes on their way, (n_robots, room).
         n_flying: How many of them count, (n_robots,).
+        fired: Spikes of the neurons in the last step, (n_robots, room).
+        n_fired: How many of them count, (n_robots,).
         weights_pa: Weights of all robots, (2, n_inputs).
         constants: The neurons'.
         delay: From an input to a neuron [grid steps].
@@ -40,6 +42,8 @@ class _Networks(NamedTuple):
     neurons: Neurons
     flying: Spikes
     n_flying: NDArray[np.int64]
+    fired: Spikes
+    n_fired: NDArray[np.int64]
     weights_pa: NDArray[np.float64]
     constants: Constants
     delay: int
@@ -54,10 +58,14 @@ class BraitenbergFleet(SpikingFleet):
 
     def _make_networks(self, number: int) -> _Networks:
         first, parameters = self.controllers[0], self._parameters
+        window = grid_steps('period_ms', parameters.period_ms)
+        n_neurons = len(first.neurons)
         return _Networks(
-            neurons=np.zeros((number, len(first.neurons)), NEURON_DTYPE),
+            neurons=np.zeros((number, n_neurons), NEURON_DTYPE),
             flying=np.zeros((number, 2 * most_inputs(parameters)), SPIKE_DTYPE),
             n_flying=np.zeros(number, np.int64),
+            fired=np.zeros((number, most_fired(n_neurons, first.constants, window)), SPIKE_DTYPE),
+            n_fired=np.zeros(number, np.int64),
             weights_pa=first.weights_pa,
             constants=first.constants,
             delay=parameters.delays.steps,
@@ -86,39 +94,42 @@ class BraitenbergFleet(SpikingFleet):
 def _advance(  # type: ignore[no-untyped-def]
     world, robots, scratch, template, motors, networks, journey, first, last
 ):
-    """Let robots first to last drive, one after the other: its arrays stay in the cache."""
+    """Let robots first to last drive, some at a time, as their networks are quicker together."""
     world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
     motors, networks, journey = borrowed(motors), borrowed(networks), borrowed(journey)
-    for i in range(first, last):
-        journey.taken[i], journey.has_ended[i] = 0, False
-        while journey.taken[i] < journey.wanted[i]:
-            counts = motors.counts[i]
+    flying, n_flying, has_overflown = networks.flying, networks.n_flying, networks.has_overflown
+    arriving, members = np.empty((motors.window, LANES)), stack_array((TOGETHER,), np.int64)
+    number, following = 0, first
+    while True:
+        number, following = gather(journey, members, number, following, last)
+        if number == 0:
+            return
+        for m in range(number):
+            counts = motors.counts[members[m]]
             counts[: counts.shape[0] - networks.lowest_rows] = 0
-            inputs = draw_inputs(motors, template, i)
-            if networks.n_flying[i] + len(inputs) > networks.flying.shape[1]:
-                networks.has_overflown[i] = True
+            if not let_fly(motors, template, members[m], flying, n_flying, has_overflown):
                 return
-            left, right = _answer(networks, motors, inputs, i)
-            if not drive_on(world, robots, scratch, template, motors, journey, i, left, right):
-                break
-
-
-@inner
-def _answer(networks, motors, inputs, i):  # type: ignore[no-untyped-def]
-    """Return the wheels' velocities with which robot i answers; see `Braitenberg.step`."""
-    window = motors.window
-    neurons, in_flight, fired = run_kernel(
-        networks.neurons[i],
-        networks.flying[i, : networks.n_flying[i]],
-        inputs,
-        networks.weights_pa,
-        networks.constants,
-        networks.delay,
-        window,
-    )
-    for k in range(len(neurons)):
-        networks.neurons[i, k] = neurons[k]
-    for k in range(len(in_flight)):
-        networks.flying[i, k] = in_flight[k]
-    networks.n_flying[i] = len(in_flight)
-    return turn_wheels(motors, i, fired)
+        run_several(
+            networks.neurons,
+            flying,
+            n_flying,
+            networks.fired,
+            networks.n_fired,
+            members[:number],
+            networks.weights_pa,
+            networks.constants,
+            networks.delay,
+            arriving,
+        )
+        number = drive_together(
+            world,
+            robots,
+            scratch,
+            template,
+            motors,
+            journey,
+            members,
+            number,
+            networks.fired,
+            networks.n_fired,
+        )

@@ -10,21 +10,17 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.rstdp.controller import RStdp, RStdpParameters
 from spikelane_controllers.spiking.fleet_kernel import (
-    draw_inputs,
-    drive_on,
+    drive_together,
+    gather,
+    let_fly,
     most_inputs,
-    turn_wheels,
+    TOGETHER,
 )
-from spikelane_controllers.spiking.neuron import LANES
 from spikelane_controllers.spiking.plasticity import PlasticNetwork
 from spikelane_controllers.spiking.plasticity_lanes import make_arriving, run_several
-from spikelane_controllers.spiking.plasticity_window import take_up, Workspace
+from spikelane_controllers.spiking.plasticity_window import Workspace
 from spikelane_controllers.spiking.spiking_fleet import SpikingFleet
-from spikelane_sim.compiled import inner
 from spikelane_sim.kernel_arrays import borrowed, stack_array
-
-#: Robots whose networks, of two neurons each, run at the same time.
-_TOGETHER = LANES // 2
 
 
 class _Networks(NamedTuple):
@@ -108,22 +104,25 @@ def _advance(  # type: ignore[no-untyped-def]
     """Let robots first to last drive, some at a time, as their networks are quicker together."""
     world, robots, scratch = borrowed(world), borrowed(robots), borrowed(scratch)
     motors, networks, journey = borrowed(motors), borrowed(networks), borrowed(journey)
-    arriving, members = make_arriving(networks.network), stack_array((_TOGETHER,), np.int64)
+    work = networks.work
+    arriving, members = make_arriving(networks.network), stack_array((TOGETHER,), np.int64)
     number, following = 0, first
     while True:
-        while number < _TOGETHER and following < last:
-            journey.taken[following], journey.has_ended[following] = 0, False
-            if journey.wanted[following] > 0:
-                members[number] = following
-                number += 1
-            following += 1
+        number, following = gather(journey, members, number, following, last)
         if number == 0:
             return
         for m in range(number):
-            if not _see(motors, networks, template, robots, members[m]):
+            i = members[m]
+            if not let_fly(
+                motors, template, i, work.flying, networks.n_flying, networks.has_overflown
+            ):
                 return
+            # As `RStdp.step` does.
+            distance_m = robots.known[i].distance_m
+            dopamine = networks.c_r * distance_m if networks.is_learning[i] else 0.0
+            work.dopamine[i, 0], work.dopamine[i, 1] = -dopamine, dopamine
         run_several(
-            networks.work,
+            work,
             networks.n_flying,
             networks.n_fired,
             members[:number],
@@ -131,30 +130,15 @@ def _advance(  # type: ignore[no-untyped-def]
             networks.tables,
             arriving,
         )
-        going = 0
-        for m in range(number):
-            i = members[m]
-            fired = networks.work.fired[i, : networks.n_fired[i]]
-            left, right = turn_wheels(motors, i, fired)
-            if (
-                drive_on(world, robots, scratch, template, motors, journey, i, left, right)
-                and journey.taken[i] < journey.wanted[i]
-            ):
-                members[going] = i
-                going += 1
-        number = going
-
-
-@inner
-def _see(motors, networks, template, robots, i):  # type: ignore[no-untyped-def]
-    """Give robot i's network inputs and dopamine (`RStdp.step`); return False without room."""
-    work = networks.work
-    inputs = draw_inputs(motors, template, i)
-    if networks.n_flying[i] + len(inputs) > work.flying.shape[1]:
-        networks.has_overflown[i] = True
-        return False
-    networks.n_flying[i] = take_up(work.flying[i], networks.n_flying[i], inputs)
-    distance_m = robots.known[i].distance_m
-    dopamine = networks.c_r * distance_m if networks.is_learning[i] else 0.0
-    work.dopamine[i, 0], work.dopamine[i, 1] = -dopamine, dopamine
-    return True
+        number = drive_together(
+            world,
+            robots,
+            scratch,
+            template,
+            motors,
+            journey,
+            members,
+            number,
+            work.fired,
+            networks.n_fired,
+        )

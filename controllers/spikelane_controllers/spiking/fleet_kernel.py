@@ -10,14 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.fleet_kernel import write_down
+from spikelane_controllers.spiking.neuron import LANES
 from spikelane_controllers.spiking.poisson import PoissonScale, Shares, spikes_of_counts
-from spikelane_controllers.spiking.spikes import grid_steps
+from spikelane_controllers.spiking.spikes import grid_steps, take_up
 from spikelane_controllers.spiking.steering import steer, SteeringConstants, SteeringState
 from spikelane_sim.compiled import inner, uncounted
 from spikelane_sim.encoding import count_cells, EncodingParameters
 from spikelane_sim.fleet.generators import generator_at, Generators
 from spikelane_sim.fleet.kernel import simulate
 from spikelane_sim.kernel_arrays import borrowed
+
+#: Robots whose networks, of two neurons each, run at the same time.
+TOGETHER = LANES // 2
 
 
 class Cells(NamedTuple):
@@ -92,6 +96,83 @@ def most_inputs(parameters: Any) -> int:
     encoding, poisson = parameters.encoding, parameters.poisson
     mean = poisson.max_rate_hz * parameters.period_s * encoding.rows * encoding.columns
     return int(mean + 20 * math.sqrt(mean + 1)) + 64
+
+
+@uncounted
+def gather(journey, members, number, following, last):  # type: ignore[no-untyped-def]
+    """Fill up the robots that drive together.
+
+    Args:
+        journey: The `Journey`; robots that are reached begin it.
+        members: Which robots drive, (TOGETHER,).
+        number: How many of them count.
+        following: The next robot.
+        last: The robot to stop before.
+
+    Returns:
+        How many robots drive, and the next one.
+    """
+    while number < len(members) and following < last:
+        journey.taken[following], journey.has_ended[following] = 0, False
+        if journey.wanted[following] > 0:
+            members[number] = following
+            number += 1
+        following += 1
+    return number, following
+
+
+@inner
+def drive_together(  # type: ignore[no-untyped-def]
+    world, robots, scratch, template, motors, journey, members, number, fired, n_fired
+):
+    """Let robots drive on by what their neurons have fired.
+
+    Args:
+        world: The `World`; this and the next three as in `simulate`.
+        robots: The `Robots`.
+        scratch: The `Scratch`.
+        template: `generators.TEMPLATE`.
+        motors: The `Motors`.
+        journey: The `Journey`.
+        members: Which robots drive; those that go on are moved to the front.
+        number: How many of them count.
+        fired: Spikes of the neurons in the last step, (n_robots, room).
+        n_fired: How many of them count, (n_robots,).
+
+    Returns:
+        How many go on.
+    """
+    going = 0
+    for m in range(number):
+        i = members[m]
+        left, right = turn_wheels(motors, i, fired[i, : n_fired[i]])
+        goes_on = drive_on(world, robots, scratch, template, motors, journey, i, left, right)
+        if goes_on and journey.taken[i] < journey.wanted[i]:
+            members[going] = i
+            going += 1
+    return going
+
+
+@inner
+def let_fly(  # type: ignore[no-untyped-def]
+    motors, template, i, flying, n_flying, has_overflown
+):
+    """Draw the spikes of robot i's inputs and let them fly; return False where there is no room.
+
+    Args:
+        motors: The `Motors`.
+        template: `generators.TEMPLATE`.
+        i: Which robot.
+        flying: Spikes on their way, (n_robots, room).
+        n_flying: How many of them count, (n_robots,).
+        has_overflown: Whether spikes had no room, (n_robots,).
+    """
+    inputs = draw_inputs(motors, template, i)
+    if n_flying[i] + len(inputs) > flying.shape[1]:
+        has_overflown[i] = True
+        return False
+    n_flying[i] = take_up(flying[i], n_flying[i], inputs)
+    return True
 
 
 @inner

@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.neuron import (
     advance_neuron,
+    advance_neurons,
     Constants,
+    LANES,
     membrane_potentials,
     NEURON_DTYPE,
     Neurons,
+    put_in_lane,
+    take_from_lane,
 )
 from spikelane_controllers.spiking.spikes import (
     GRID_MS,
@@ -29,7 +33,8 @@ from spikelane_controllers.spiking.spikes import (
     SPIKE_DTYPE,
     Spikes,
 )
-from spikelane_sim.compiled import inner
+from spikelane_sim.compiled import inner, uncounted
+from spikelane_sim.kernel_arrays import stack_array
 from spikelane_sim.parameters import parameter, Parameters
 
 
@@ -144,6 +149,12 @@ def _arriving(
 
 
 @numba.njit(cache=True)
+def most_fired(n_neurons: int, constants: Constants, window: int) -> int:
+    """Return how many spikes neurons can fire in a window."""
+    return int(n_neurons * (1 + (window - 1) // (1 + constants[0].refractory)))
+
+
+@numba.njit(cache=True)
 def run_kernel(
     neurons: Neurons,
     in_flight: Spikes,
@@ -157,8 +168,7 @@ def run_kernel(
     neurons = neurons.copy()
     spikes = _merge_spikes(in_flight, inputs)
     arriving_pa, arrived = _arriving(spikes, weights_pa, delay, window)
-    most = 1 + (window - 1) // (1 + constants[0].refractory)
-    fired = np.empty(len(neurons) * most, SPIKE_DTYPE)
+    fired = np.empty(most_fired(len(neurons), constants, window), SPIKE_DTYPE)
     firings = 0
     for step in range(window):
         for index in range(len(neurons)):
@@ -178,3 +188,76 @@ def run_kernel(
                 fired[firings].source = index
                 firings += 1
     return neurons, _keep_flying(spikes, arrived, window), fired[:firings]
+
+
+@uncounted
+def run_several(  # type: ignore[no-untyped-def]
+    neurons, flying, n_flying, fired, n_fired, members, weights_pa, constants, delay, arriving
+):
+    """Run a window of the networks of several robots at the same time; see `run_network`.
+
+    Args:
+        neurons: Their states, of NEURON_DTYPE, (n_robots, n_neurons).
+        flying: Spikes in flight and those that the inputs fire, (n_robots, room).
+        n_flying: How many of them count, (n_robots,).
+        fired: The neurons' spikes are written here, (n_robots, room).
+        n_fired: How many there are, (n_robots,).
+        members: The rows of these robots, together of at most `LANES` neurons.
+        weights_pa: As there, the same for all robots.
+        constants: As there.
+        delay: As there.
+        arriving: Is overwritten, (window, LANES).
+    """
+    window, number = len(arriving), neurons.shape[1]
+    potential, current = stack_array((LANES,), np.float64), stack_array((LANES,), np.float64)
+    slope, refractory = stack_array((LANES,), np.float64), stack_array((LANES,), np.int64)
+    has_fired = stack_array((LANES,), np.int64)
+    potential[:] = 0.0
+    current[:] = 0.0
+    slope[:] = 0.0
+    refractory[:] = 0
+    arriving[:] = 0.0
+    for m in range(len(members)):
+        row = members[m]
+        n_fired[row], spikes = 0, flying[row, : n_flying[row]]
+        n_flying[row] = _let_arrive(spikes, weights_pa, delay, arriving[:, m * number :])
+        for i in range(number):
+            put_in_lane(neurons[row, i], m * number + i, potential, current, slope, refractory)
+    step = 0
+    while step < window:
+        step = advance_neurons(
+            potential, current, slope, refractory, has_fired, arriving, step, window, constants[0]
+        )
+        for lane in range(len(members) * number):
+            if has_fired[lane]:
+                row = members[lane // number]
+                spike = fired[row, n_fired[row]]
+                spike.step, spike.source = step - 1, lane % number
+                n_fired[row] += 1
+    for m in range(len(members)):
+        for i in range(number):
+            neuron = neurons[members[m], i]
+            take_from_lane(neuron, m * number + i, potential, current, slope, refractory)
+
+
+@uncounted
+def _let_arrive(spikes, weights_pa, delay, arriving):  # type: ignore[no-untyped-def]
+    """Add to what arrives in a window; return how many spikes fly on, for the next window to see.
+
+    Args:
+        spikes: In flight and fired in this window; those that fly on are moved to the front.
+        weights_pa: As in `run_network`.
+        delay: As there.
+        arriving: What arrives in each grid step [pA], (window, n_neurons) or more columns.
+    """
+    flying = 0
+    for k in range(len(spikes)):
+        step, source = spikes[k].step + delay, spikes[k].source
+        if step < len(arriving):
+            for i in range(len(weights_pa)):
+                arriving[step, i] += weights_pa[i, source]
+        else:
+            spikes[flying].step = spikes[k].step - len(arriving)
+            spikes[flying].source = source
+            flying += 1
+    return flying

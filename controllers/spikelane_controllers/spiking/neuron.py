@@ -224,6 +224,24 @@ def advance_neurons(
 
 
 @numba.njit(cache=True, inline='always')
+def put_in_lane(
+    neuron: Any, lane: int, potential: Any, current: Any, slope: Any, refractory: Any
+) -> None:
+    """Copy a neuron's state into a lane of the arrays of `advance_neurons`."""
+    potential[lane], current[lane] = neuron.potential_mv, neuron.current_pa
+    slope[lane], refractory[lane] = neuron.slope_pa_per_ms, neuron.refractory
+
+
+@numba.njit(cache=True, inline='always')
+def take_from_lane(
+    neuron: Any, lane: int, potential: Any, current: Any, slope: Any, refractory: Any
+) -> None:
+    """Copy a lane of the arrays of `advance_neurons` into a neuron's state."""
+    neuron.potential_mv, neuron.current_pa = potential[lane], current[lane]
+    neuron.slope_pa_per_ms, neuron.refractory = slope[lane], refractory[lane]
+
+
+@numba.njit(cache=True, inline='always')
 def _next_potential(potential: Any, current: Any, slope: Any, constants: Any) -> Any:
     """Return the potential a grid step later."""
     return (

@@ -19,10 +19,9 @@ from spikelane_controllers.spiking.plasticity_window import (
     end_window,
     hand_over_due,
     next_hand_over,
-    take_up,
     Workspace,
 )
-from spikelane_controllers.spiking.spikes import Spikes
+from spikelane_controllers.spiking.spikes import Spikes, take_up
 from spikelane_controllers.spiking.synapse_kernel import begin_all, bring_all, meet_all, record
 from spikelane_sim.compiled import uncounted
 from spikelane_sim.kernel_arrays import borrowed, stack_array

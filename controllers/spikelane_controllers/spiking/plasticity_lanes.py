@@ -12,7 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from spikelane_controllers.spiking.neuron import advance_neurons, LANES
+from spikelane_controllers.spiking.neuron import (
+    advance_neurons,
+    LANES,
+    put_in_lane,
+    take_from_lane,
+)
 from spikelane_controllers.spiking.plasticity_window import (
     count_due,
     end_window,
@@ -140,8 +145,7 @@ def run_lanes(
         for i in range(number):
             lane, index = m * number + i, first + i
             neuron, posts = work.neurons[row, index], work.posts[row, index]
-            potential[lane], current[lane] = neuron.potential_mv, neuron.current_pa
-            slope[lane], refractory[lane] = neuron.slope_pa_per_ms, neuron.refractory
+            put_in_lane(neuron, lane, potential, current, slope, refractory)
             met[lane] = begin_all(work.synapses[row, index], posts, work.counts[row, index], rule)
             for k in range(rule.delay):
                 arriving[k, lane] = work.arriving_pa[row, k, index]
@@ -180,8 +184,7 @@ def run_lanes(
         for i in range(number):
             lane, index = m * number + i, first + i
             neuron, posts = work.neurons[row, index], work.posts[row, index]
-            neuron.potential_mv, neuron.current_pa = potential[lane], current[lane]
-            neuron.slope_pa_per_ms, neuron.refractory = slope[lane], refractory[lane]
+            take_from_lane(neuron, lane, potential, current, slope, refractory)
             synapses, count = work.synapses[row, index], work.counts[row, index]
             dopamine = work.dopamine[row, index]
             meet_all(synapses, met[lane], window, posts, count, dopamine, rule, tables)

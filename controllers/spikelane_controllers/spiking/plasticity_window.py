@@ -47,14 +47,6 @@ class Workspace(NamedTuple):
 
 
 @uncounted
-def take_up(flying: Spikes, n_flying: int, inputs: Spikes) -> int:
-    """Let the spikes of inputs fly, too; return how many fly now."""
-    for k in range(len(inputs)):
-        flying[n_flying + k] = inputs[k]
-    return n_flying + len(inputs)
-
-
-@uncounted
 def count_due(flying: Spikes, n_flying: int, network: Any) -> int:
     """Return how many of the flying spikes the synapses are given in this window."""
     rule, due = network.synapse, 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from spikelane_sim.compiled import uncounted
 from spikelane_sim.errors import ParameterError
 from spikelane_sim.period import PERIOD_MS
 
@@ -43,3 +44,11 @@ def no_spikes() -> Spikes:
 def spike_counts(spikes: Spikes, sources: int) -> tuple[int, ...]:
     """Return how often each of `sources` inputs or neurons fired."""
     return tuple(np.bincount(spikes['source'], minlength=sources).tolist())
+
+
+@uncounted
+def take_up(flying: Spikes, n_flying: int, inputs: Spikes) -> int:
+    """Let the spikes of inputs fly, too; return how many fly now."""
+    for k in range(len(inputs)):
+        flying[n_flying + k] = inputs[k]
+    return n_flying + len(inputs)
