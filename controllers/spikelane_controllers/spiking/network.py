@@ -18,11 +18,11 @@ from spikelane_controllers.spiking.neuron import (
     advance_neuron,
     advance_neurons,
     Constants,
-    LANES,
     membrane_potentials,
     NEURON_DTYPE,
     Neurons,
     put_in_lane,
+    resting_lanes,
     take_from_lane,
 )
 from spikelane_controllers.spiking.spikes import (
@@ -34,7 +34,6 @@ from spikelane_controllers.spiking.spikes import (
     Spikes,
 )
 from spikelane_sim.compiled import inner, uncounted
-from spikelane_sim.kernel_arrays import stack_array
 from spikelane_sim.parameters import parameter, Parameters
 
 
@@ -209,35 +208,26 @@ def run_several(  # type: ignore[no-untyped-def]
         arriving: Is overwritten, (window, LANES).
     """
     window, number = len(arriving), neurons.shape[1]
-    potential, current = stack_array((LANES,), np.float64), stack_array((LANES,), np.float64)
-    slope, refractory = stack_array((LANES,), np.float64), stack_array((LANES,), np.int64)
-    has_fired = stack_array((LANES,), np.int64)
-    potential[:] = 0.0
-    current[:] = 0.0
-    slope[:] = 0.0
-    refractory[:] = 0
+    lanes = resting_lanes()
     arriving[:] = 0.0
     for m in range(len(members)):
         row = members[m]
         n_fired[row], spikes = 0, flying[row, : n_flying[row]]
         n_flying[row] = _let_arrive(spikes, weights_pa, delay, arriving[:, m * number :])
         for i in range(number):
-            put_in_lane(neurons[row, i], m * number + i, potential, current, slope, refractory)
+            put_in_lane(neurons[row, i], lanes, m * number + i)
     step = 0
     while step < window:
-        step = advance_neurons(
-            potential, current, slope, refractory, has_fired, arriving, step, window, constants[0]
-        )
+        step = advance_neurons(lanes, arriving, step, window, constants[0])
         for lane in range(len(members) * number):
-            if has_fired[lane]:
+            if lanes.has_fired[lane]:
                 row = members[lane // number]
                 spike = fired[row, n_fired[row]]
                 spike.step, spike.source = step - 1, lane % number
                 n_fired[row] += 1
     for m in range(len(members)):
         for i in range(number):
-            neuron = neurons[members[m], i]
-            take_from_lane(neuron, m * number + i, potential, current, slope, refractory)
+            take_from_lane(neurons[members[m], i], lanes, m * number + i)
 
 
 @uncounted

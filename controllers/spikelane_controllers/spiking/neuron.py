@@ -16,14 +16,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from spikelane_controllers.spiking.spikes import GRID_MS, grid_steps
+from spikelane_sim.compiled import inlined
 from spikelane_sim.errors import ParameterError
+from spikelane_sim.kernel_arrays import stack_array
 from spikelane_sim.parameters import parameter, Parameters
 
 _TABLE = 'table "Simulation parameters specification"'
@@ -169,31 +171,68 @@ def advance_neuron(
     return potential, current, slope, refractory, has_fired
 
 
+class Lanes(NamedTuple):
+    """The state of neurons that are integrated at the same time, one in each lane.
+
+    Attributes:
+        potential_mv: As in `NEURON_DTYPE`, as are the next three; (LANES,).
+        current_pa: As there.
+        slope_pa_per_ms: As there.
+        refractory: As there.
+        has_fired: Whether the neuron fired at the end of the last grid step, (LANES,).
+    """
+
+    potential_mv: NDArray[np.float64]
+    current_pa: NDArray[np.float64]
+    slope_pa_per_ms: NDArray[np.float64]
+    refractory: NDArray[np.int64]
+    has_fired: NDArray[np.int64]
+
+
+@inlined
+def resting_lanes() -> Lanes:
+    """Return neurons at rest, on the stack of the caller."""
+    lanes = Lanes(
+        stack_array((LANES,), np.float64),
+        stack_array((LANES,), np.float64),
+        stack_array((LANES,), np.float64),
+        stack_array((LANES,), np.int64),
+        stack_array((LANES,), np.int64),
+    )
+    lanes.potential_mv[:] = 0.0
+    lanes.current_pa[:] = 0.0
+    lanes.slope_pa_per_ms[:] = 0.0
+    lanes.refractory[:] = 0
+    return lanes
+
+
 @numba.njit(cache=True, inline='always')
-def advance_neurons(
-    potential: Any,
-    current: Any,
-    slope: Any,
-    refractory: Any,
-    has_fired: Any,
-    arriving_pa: Any,
-    begin: int,
-    end: int,
-    constants: Any,
-) -> int:
-    """Take `LANES` neurons over grid steps, up to one at whose end any of them fires; for kernels.
+def put_in_lane(neuron: Any, lanes: Lanes, lane: int) -> None:
+    """Copy a neuron's state into a lane."""
+    lanes.potential_mv[lane], lanes.current_pa[lane] = neuron.potential_mv, neuron.current_pa
+    lanes.slope_pa_per_ms[lane] = neuron.slope_pa_per_ms
+    lanes.refractory[lane] = neuron.refractory
+
+
+@numba.njit(cache=True, inline='always')
+def take_from_lane(neuron: Any, lanes: Lanes, lane: int) -> None:
+    """Copy a lane into a neuron's state."""
+    neuron.potential_mv, neuron.current_pa = lanes.potential_mv[lane], lanes.current_pa[lane]
+    neuron.slope_pa_per_ms = lanes.slope_pa_per_ms[lane]
+    neuron.refractory = lanes.refractory[lane]
+
+
+@numba.njit(cache=True, inline='always')
+def advance_neurons(lanes: Lanes, arriving_pa: Any, begin: int, end: int, constants: Any) -> int:
+    """Take neurons over grid steps, up to one at whose end any of them fires; for kernels.
 
     The bits are those of `advance_neuron`. A choice of values takes the place of its branches, so
-    that the compiler can use vector instructions. It does so where it knows that the arrays are
-    apart: those of the neurons must be on the caller's stack.
+    that the compiler can use vector instructions. It does so only where it knows that the arrays
+    are apart, as those of `resting_lanes` are.
 
     Args:
-        potential: As in `advance_neuron`; this and the next three are changed, (LANES,).
-        current: As there.
-        slope: As there.
-        refractory: As there.
-        has_fired: Whether each neuron fires at the end of the last step, as int64, (LANES,).
-        arriving_pa: As there, (n_steps, LANES).
+        lanes: The neurons, which are changed.
+        arriving_pa: As in `advance_neuron`, (n_steps, LANES).
         begin: The first grid step.
         end: The grid step to stop before.
         constants: As there.
@@ -201,6 +240,8 @@ def advance_neurons(
     Returns:
         The grid step that is next.
     """
+    potential, current, slope = lanes.potential_mv, lanes.current_pa, lanes.slope_pa_per_ms
+    refractory, has_fired = lanes.refractory, lanes.has_fired
     reset_mv, threshold_mv = constants.reset_mv, constants.threshold_mv
     refractory_steps = constants.refractory
     for step in range(begin, end):
@@ -221,24 +262,6 @@ def advance_neurons(
         if any_fired:
             return step + 1
     return end
-
-
-@numba.njit(cache=True, inline='always')
-def put_in_lane(
-    neuron: Any, lane: int, potential: Any, current: Any, slope: Any, refractory: Any
-) -> None:
-    """Copy a neuron's state into a lane of the arrays of `advance_neurons`."""
-    potential[lane], current[lane] = neuron.potential_mv, neuron.current_pa
-    slope[lane], refractory[lane] = neuron.slope_pa_per_ms, neuron.refractory
-
-
-@numba.njit(cache=True, inline='always')
-def take_from_lane(
-    neuron: Any, lane: int, potential: Any, current: Any, slope: Any, refractory: Any
-) -> None:
-    """Copy a lane of the arrays of `advance_neurons` into a neuron's state."""
-    neuron.potential_mv, neuron.current_pa = potential[lane], current[lane]
-    neuron.slope_pa_per_ms, neuron.refractory = slope[lane], refractory[lane]
 
 
 @numba.njit(cache=True, inline='always')

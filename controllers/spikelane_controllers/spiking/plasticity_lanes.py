@@ -16,6 +16,7 @@ from spikelane_controllers.spiking.neuron import (
     advance_neurons,
     LANES,
     put_in_lane,
+    resting_lanes,
     take_from_lane,
 )
 from spikelane_controllers.spiking.plasticity_window import (
@@ -130,14 +131,9 @@ def run_lanes(
         arriving: Is overwritten, (window + delay, LANES).
     """
     constants, rule, window = network[0].neuron, network[0].synapse, network[0].window
-    potential, current = stack_array((LANES,), np.float64), stack_array((LANES,), np.float64)
-    slope, refractory = stack_array((LANES,), np.float64), stack_array((LANES,), np.int64)
-    has_fired, met = stack_array((LANES,), np.int64), stack_array((LANES,), np.int64)
+    lanes = resting_lanes()
+    met = stack_array((LANES,), np.int64)
     handed, following = stack_array((LANES,), np.int64), stack_array((LANES,), np.int64)
-    potential[:] = 0.0
-    current[:] = 0.0
-    slope[:] = 0.0
-    refractory[:] = 0
     arriving[:] = 0.0
     for m in range(len(members)):
         row, handed[m] = members[m], 0
@@ -145,7 +141,7 @@ def run_lanes(
         for i in range(number):
             lane, index = m * number + i, first + i
             neuron, posts = work.neurons[row, index], work.posts[row, index]
-            put_in_lane(neuron, lane, potential, current, slope, refractory)
+            put_in_lane(neuron, lanes, lane)
             met[lane] = begin_all(work.synapses[row, index], posts, work.counts[row, index], rule)
             for k in range(rule.delay):
                 arriving[k, lane] = work.arriving_pa[row, k, index]
@@ -172,11 +168,9 @@ def run_lanes(
                 )
             end = min(end, following[m])
         while begin < end:
-            begin = advance_neurons(
-                potential, current, slope, refractory, has_fired, arriving, begin, end, constants
-            )
+            begin = advance_neurons(lanes, arriving, begin, end, constants)
             for lane in range(len(members) * number):
-                if has_fired[lane]:
+                if lanes.has_fired[lane]:
                     row, index = members[lane // number], first + lane % number
                     record(work.posts[row], work.counts[row], index, begin, rule, tables)
     for m in range(len(members)):
@@ -184,7 +178,7 @@ def run_lanes(
         for i in range(number):
             lane, index = m * number + i, first + i
             neuron, posts = work.neurons[row, index], work.posts[row, index]
-            take_from_lane(neuron, lane, potential, current, slope, refractory)
+            take_from_lane(neuron, lanes, lane)
             synapses, count = work.synapses[row, index], work.counts[row, index]
             dopamine = work.dopamine[row, index]
             meet_all(synapses, met[lane], window, posts, count, dopamine, rule, tables)
