@@ -14,7 +14,8 @@ from spikelane_controllers.spiking.neuron import (
     NEURON_DTYPE,
     Neurons,
 )
-from spikelane_controllers.spiking.plasticity_kernel import run
+from spikelane_controllers.spiking.plasticity_kernel import run_two
+from spikelane_controllers.spiking.plasticity_lanes import run_many
 from spikelane_controllers.spiking.plasticity_window import NETWORK_DTYPE, Workspace
 from spikelane_controllers.spiking.spikes import (
     GRID_STEPS,
@@ -214,7 +215,8 @@ class PlasticNetwork:
     def run(self, inputs: Spikes) -> Spikes:
         """Run a window; inputs and what is returned are those of `run_plastic_network`."""
         self._make_room(self._n_flying + len(inputs))
-        self._n_flying, n_fired = run(*self._arguments, self._n_flying, inputs)
+        kernel = run_two if len(self.workspace.neurons) == 2 else run_many
+        self._n_flying, n_fired = kernel(*self._arguments, self._n_flying, inputs)
         fired: Spikes = self.workspace.fired[:n_fired].copy()
         return fired
 

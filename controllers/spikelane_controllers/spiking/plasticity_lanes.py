@@ -1,7 +1,7 @@
-"""Networks whose synapses learn, several at the same time, compiled.
+"""Networks whose synapses learn: of any number of neurons, and of several robots, compiled.
 
 A neuron's next grid step has to wait for its last one, which takes longer than to compute the same
-step of 16 neurons with vector instructions. The bits are those of `plasticity_kernel.run`.
+step of 16 neurons with vector instructions. The bits are those of `plasticity_kernel`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spikelane_controllers.spiking.neuron import (
     advance_neurons,
     LANES,
+    Neurons,
     put_in_lane,
     resting_lanes,
     take_from_lane,
@@ -26,9 +27,44 @@ from spikelane_controllers.spiking.plasticity_window import (
     next_hand_over,
     Workspace,
 )
+from spikelane_controllers.spiking.spikes import Spikes, take_up
 from spikelane_controllers.spiking.synapse_kernel import begin_all, bring_all, meet_all, record
 from spikelane_sim.compiled import uncounted
-from spikelane_sim.kernel_arrays import stack_array
+from spikelane_sim.kernel_arrays import borrowed, stack_array
+
+
+@numba.njit(cache=True)
+def run_many(
+    neurons: Neurons,
+    synapses: NDArray[np.void],
+    dopamine: NDArray[np.float64],
+    arriving_pa: NDArray[np.float64],
+    arrived_pa: NDArray[np.float64],
+    posts: NDArray[np.void],
+    flying: Spikes,
+    fired: Spikes,
+    counts: NDArray[np.int64],
+    network: NDArray[np.void],
+    tables: NDArray[np.float64],
+    n_flying: int,
+    inputs: Spikes,
+) -> tuple[int, int]:
+    """Run a window of a network of any number of neurons; see `plasticity_kernel.run_two`."""
+    work = borrowed(
+        Workspace(
+            neurons, synapses, dopamine, arriving_pa, arrived_pa, posts, flying, fired, counts
+        )
+    )
+    network, tables, inputs = borrowed(network), borrowed(tables), borrowed(inputs)
+    alone, due = stack_array((1,), np.int64), stack_array((1,), np.int64)
+    number, earlier, arriving = len(work.neurons), work.counts.copy(), make_arriving(network)
+    n_flying = take_up(work.flying, n_flying, inputs)
+    alone[0], due[0] = 0, count_due(work.flying, n_flying, network[0])
+    for first in range(0, number, LANES):
+        block = min(LANES, number - first)
+        _run_lanes(_as_rows(work), alone, due, first, block, network, tables, arriving)
+    n_flying, n_fired = end_window(work, earlier, due[0], n_flying, network[0], tables)
+    return n_flying, n_fired
 
 
 @uncounted
@@ -41,7 +77,7 @@ def run_several(
     tables: NDArray[np.float64],
     arriving: NDArray[np.float64],
 ) -> None:
-    """Run a window of the networks of several robots at the same time; see `run`.
+    """Run a window of the networks of several robots at the same time; see `run_two`.
 
     Args:
         work: A `Workspace` with a row for each robot.
@@ -59,7 +95,7 @@ def run_several(
         due[m] = count_due(work.flying[row], n_flying[row], network[0])
         for i in range(number):
             earlier[m * number + i] = work.counts[row, i]
-    run_lanes(work, members, due, 0, number, network, tables, arriving)
+    _run_lanes(work, members, due, 0, number, network, tables, arriving)
     for m in range(len(members)):
         row, before = members[m], earlier[m * number : (m + 1) * number]
         n_flying[row], n_fired[row] = end_window(
@@ -90,7 +126,7 @@ def _row(work: Any, row: int) -> Any:
 
 
 @numba.njit(cache=True, inline='always')
-def as_rows(work: Any) -> Any:
+def _as_rows(work: Any) -> Any:
     """Return the workspace of one robot as that of several, of which there is one."""
     return Workspace(
         work.neurons.reshape((1, *work.neurons.shape)),
@@ -106,7 +142,7 @@ def as_rows(work: Any) -> Any:
 
 
 @uncounted
-def run_lanes(
+def _run_lanes(
     work: Any,
     members: Any,
     due: Any,

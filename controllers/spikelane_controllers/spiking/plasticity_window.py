@@ -1,7 +1,7 @@
 """A window of a network whose synapses learn: its arrays, and what happens in them, compiled.
 
-`plasticity_kernel` takes one network through a window and `plasticity_lanes` several at the same
-time. Times are grid steps since the window's start.
+`plasticity_kernel` takes a network of two neurons through a window, and `plasticity_lanes` others.
+Times are grid steps since the window's start.
 """
 
 from __future__ import annotations
