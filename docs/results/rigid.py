@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Compares the engine `rigid` with pybullet: prints the tables of docs/results/rigid.md.
 
-source setup/env.sh; docs/results/rigid.py runs/rigid docs/results/rigid.png
+source setup/env.sh
+docs/results/rigid.py runs/rigid docs/results/rigid.png
+docs/results/rigid.py steps
 
 Drives with given commands are made here; laps and trainings are read from the folder that
-experiments/rigid.yaml has left.
+experiments/rigid.yaml has left. The second command prints the table of Bullet's steps.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import json
 import math
 from pathlib import Path
 import sys
+import time
 from typing import Any, NamedTuple
 
 from matplotlib.axes import Axes
@@ -39,6 +42,9 @@ from spikelane_sim.figure_style import (
 from spikelane_sim.robots import make_robot, RobotParameters
 
 ENGINES = ('pybullet', 'rigid')
+#: Length of Bullet's steps [s] and the largest number of its solver's iterations; the first ones
+#: are the defaults, with which the others are compared.
+BULLET = ((0.005, 50), (0.005, 20), (0.01, 50), (0.01, 20), (0.025, 50))
 FASTEST_RAD_S = {'p3dx': 12.3, 'turtlebot4': 8.56}
 DRIVES, STEPS = 20, 1000
 #: Distances are told once so much of a path has been driven [m].
@@ -110,16 +116,52 @@ class Drive(NamedTuple):
         return float((100 * self.apart_m[counted] / self.path_m[counted]).max())
 
 
+def places(commands: NDArray[np.float64], **parameters: Any) -> NDArray[np.float64]:
+    """Drive a robot; return where its base_link is before and after each step [m], (n + 1, 2)."""
+    robot = make_robot(RobotParameters.from_mapping(parameters))
+    poses = [robot.step(WheelVelocities(*pair)) for pair in commands.tolist()]
+    robot.close()
+    return np.concatenate([np.zeros((1, 2)), np.concatenate(poses)[:, :2]])
+
+
+def compared(one: NDArray[np.float64], other: NDArray[np.float64]) -> Drive:
+    """Compare the places of a robot with those of one in pybullet."""
+    path_m = np.hypot(*np.diff(other, axis=0).T).cumsum()
+    return Drive(path_m, np.hypot(*(one - other)[1:].T))
+
+
 def drive(model: str, commands: NDArray[np.float64]) -> Drive:
     """Drive both robots."""
-    places = {}
-    for engine in ENGINES:
-        robot = make_robot(RobotParameters.from_mapping({'model': model, 'engine': engine}))
-        poses = [robot.step(WheelVelocities(*pair)) for pair in commands.tolist()]
-        places[engine] = np.concatenate([np.zeros((1, 2)), np.concatenate(poses)[:, :2]])
-        robot.close()
-    path_m = np.hypot(*np.diff(places['pybullet'], axis=0).T).cumsum()
-    return Drive(path_m, np.hypot(*(places['rigid'] - places['pybullet'])[1:].T))
+    pybullet, rigid = (places(commands, model=model, engine=engine) for engine in ENGINES)
+    return compared(rigid, pybullet)
+
+
+def print_steps() -> None:
+    """Drive with other steps and iterations of Bullet; print a row for each."""
+    print_row('step', 'iterations', 'processor time', *KINDS)
+    print_row(*['---'] * (3 + len(KINDS)))
+    spent_s = dict.fromkeys(BULLET, 0.0)
+    apart: dict[tuple[str, Any], list[Drive]] = {}
+    for kind, commands in KINDS.items():
+        for seed in range(DRIVES):
+            given = commands(np.random.default_rng(seed), FASTEST_RAD_S['p3dx'])
+            driven = {}
+            for step_s, iterations in BULLET:
+                own = {'physics_step_s': step_s, 'solver_iterations': iterations}
+                begin_s = time.process_time()
+                driven[step_s, iterations] = places(given, pybullet=own)
+                spent_s[step_s, iterations] += time.process_time() - begin_s
+            for setting in BULLET[1:]:
+                found = compared(driven[setting], driven[BULLET[0]])
+                apart.setdefault((kind, setting), []).append(found)
+    for setting in BULLET[1:]:
+        percents = [[each.most_percent for each in apart[kind, setting]] for kind in KINDS]
+        print_row(
+            f'{1000 * setting[0]:g} ms',
+            str(setting[1]),
+            f'{spent_s[setting] / spent_s[BULLET[0]]:.2f}',
+            *(f'{np.median(each):.3f} ({max(each):.3f})' for each in percents),
+        )
 
 
 def print_drives() -> dict[str, list[Drive]]:
@@ -312,8 +354,11 @@ def _draw_losses(axes: Axes, losses: list[Pair]) -> None:
 
 def main() -> None:
     """Print the tables and draw the figure."""
+    if sys.argv[1:] == ['steps']:
+        print_steps()
+        return
     if len(sys.argv) != 3:
-        sys.exit('usage: rigid.py FOLDER FIGURE.png')
+        sys.exit('usage: rigid.py FOLDER FIGURE.png | rigid.py steps')
     folder, figure = map(Path, sys.argv[1:])
     drives = print_drives()
     print_completed(folder)
