@@ -185,7 +185,7 @@ def _run_lanes(
     while begin < window:
         end = window
         for m in range(len(members)):
-            if following[m] == begin:
+            if following[m] <= begin:
                 lane = m * number
                 handed[m] = hand_over_due(
                     _row(work, members[m]),
