@@ -210,16 +210,42 @@ def _run_lanes(
                     row, index = members[lane // number], first + lane % number
                     record(work.posts[row], work.counts[row], index, begin, rule, tables)
     for m in range(len(members)):
-        row = members[m]
         for i in range(number):
-            lane, index = m * number + i, first + i
-            neuron, posts = work.neurons[row, index], work.posts[row, index]
-            take_from_lane(neuron, lanes, lane)
-            synapses, count = work.synapses[row, index], work.counts[row, index]
-            dopamine = work.dopamine[row, index]
-            meet_all(synapses, met[lane], window, posts, count, dopamine, rule, tables)
-            bring_all(synapses, window, posts, count, dopamine, rule, tables)
-            for k in range(work.arrived_pa.shape[1]):
-                work.arrived_pa[row, k, index] = arriving[k, lane]
-            for k in range(rule.delay):
-                work.arriving_pa[row, k, index] = arriving[window + k, lane]
+            lane = m * number + i
+            take_from_lane(work.neurons[members[m], first + i], lanes, lane)
+            _end_neuron(
+                work, members[m], first + i, met[lane], window, rule, tables, arriving[:, lane]
+            )
+
+
+@numba.njit(cache=True, inline='always')
+def _end_neuron(
+    work: Any,
+    row: int,
+    index: int,
+    met: int,
+    window: int,
+    rule: Any,
+    tables: Any,
+    arriving: Any,
+) -> None:
+    """Take the synapses of a neuron to the window's end, and keep what arrives after it.
+
+    Args:
+        work: A `Workspace` with a row for each robot.
+        row: Which robot.
+        index: Which neuron.
+        met: How many of its spikes its synapses have met.
+        window: Length of the window.
+        rule: The synapses' rule.
+        tables: Those of the rule.
+        arriving: What arrives at the neuron, (window + delay,).
+    """
+    synapses, posts = work.synapses[row, index], work.posts[row, index]
+    count, dopamine = work.counts[row, index], work.dopamine[row, index]
+    meet_all(synapses, met, window, posts, count, dopamine, rule, tables)
+    bring_all(synapses, window, posts, count, dopamine, rule, tables)
+    for k in range(work.arrived_pa.shape[1]):
+        work.arrived_pa[row, k, index] = arriving[k]
+    for k in range(rule.delay):
+        work.arriving_pa[row, k, index] = arriving[window + k]

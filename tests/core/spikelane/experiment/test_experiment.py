@@ -384,6 +384,8 @@ def test_a_folder_is_used_by_one_command_at_a_time(tmp_path: Path) -> None:
     experiment = Experiment(tmp_path)
     first = experiment.start()
     wait_until(lambda: (experiment.folder / 'log.jsonl').exists(), first)
+    # It does not finish before the other one has begun, however slow that is.
+    first.send_signal(signal.SIGSTOP)
     second = experiment.start()
     _, errors = second.communicate(timeout=DEADLINE_S)
     assert second.returncode == 1
@@ -391,6 +393,7 @@ def test_a_folder_is_used_by_one_command_at_a_time(tmp_path: Path) -> None:
         f'spikelane experiment: {experiment.folder}: another process works here: {first.pid}\n'
     )
     first.send_signal(signal.SIGTERM)
+    first.send_signal(signal.SIGCONT)
     first.communicate(timeout=DEADLINE_S)
     assert first.returncode == 143
 
