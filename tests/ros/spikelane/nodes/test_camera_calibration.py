@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 
 from spikelane_sim.calibration import read_calibration
@@ -42,13 +43,18 @@ def test_the_file_is_that_of_the_simulated_camera(graph: Any, tmp_path: Path) ->
     assert not found.is_distorted
 
 
-def test_a_camera_info_without_a_calibration_is_refused(graph: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize('offered', [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT])
+def test_a_camera_info_without_a_calibration_is_refused(
+    graph: Any, tmp_path: Path, offered: ReliabilityPolicy
+) -> None:
     """A driver that is not calibrated publishes zeros; the node waits for a better message."""
     file = tmp_path / 'camera.yaml'
     graph.start('simulator', CAMERA, '-r', '__ns:=/placed')
     info = CameraInfo(width=3, height=3, distortion_model='plumb_bob', d=[0.0] * 5)
     info.header.frame_id = 'event_camera_optical_frame'
-    lens = graph.node.create_publisher(CameraInfo, '/lens', 10)
+    lens = graph.node.create_publisher(
+        CameraInfo, '/lens', QoSProfile(depth=10, reliability=offered)
+    )
     renamed = ('-r', 'event_camera/camera_info:=/lens')
     node = graph.start('camera_calibration', {'file': str(file), 'height_m': 0.13879}, *renamed)
 
@@ -68,6 +74,7 @@ def test_a_camera_info_without_a_calibration_is_refused(graph: Any, tmp_path: Pa
     graph.until(has_ended, 'the end of the node')
     assert node.wait() == 0
     assert read_calibration(file).focal_px == (2.0, 2.0)
+    assert 'QoS' not in node.log
 
 
 def test_a_file_is_required(graph: Any) -> None:

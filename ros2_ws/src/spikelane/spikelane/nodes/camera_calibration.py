@@ -10,6 +10,7 @@ from pathlib import Path
 import sys
 
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
@@ -29,8 +30,11 @@ from spikelane_sim.nodes.waiting import publishers_of, WaitingWarnings
 from spikelane_sim.parameters import parameter, Parameters
 from spikelane_sim.transform_tree import Transform, TransformTree
 
-#: Drivers publish best-effort or reliably; a best-effort subscription receives both.
+#: A best-effort subscription receives what drivers publish, best-effort or reliably.
 _QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: It can lose the first message, and a simulator that waits for a controller sends no other one.
+#: A reliable subscription receives that one.
+_RELIABLE = QoSProfile(depth=10)
 _STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -74,7 +78,15 @@ class CameraCalibration(ParameterNode):
             raise ParameterError("file: expected the path of a file to write, got ''")
         self._info: CameraInfo | None = None
         self._tree = TransformTree()
-        self.create_subscription(CameraInfo, topic_names.CAMERA_INFO, self._on_info, _QOS)
+        for qos in (_QOS, _RELIABLE):
+            self.create_subscription(
+                CameraInfo,
+                topic_names.CAMERA_INFO,
+                self._on_info,
+                qos,
+                # A best-effort driver does not meet the reliable subscription, and need not.
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            )
         self.create_subscription(TFMessage, topic_names.TF_STATIC, self._on_transforms, _STATIC)
         self.create_subscription(TFMessage, topic_names.TF, self._on_transforms, _QOS)
         self._waiting = WaitingWarnings(self, lambda: int(self.is_done), self._lacks)
