@@ -257,11 +257,11 @@ def _running(
 def _topics(node: Node) -> Iterator[Topic]:
     """Yield what the graph knows of a node, the insides of actions left out."""
     own = (node.get_name(), node.get_namespace())
-    profiles = {
-        (role, endpoint.topic_name): endpoint.qos_profile
-        for role, endpoints in (('publishes', node.publishers), ('subscribes', node.subscriptions))
-        for endpoint in endpoints
-    }
+    profiles: dict[tuple[str, str], list[str]] = {}
+    for role, endpoints in (('publishes', node.publishers), ('subscribes', node.subscriptions)):
+        for endpoint in endpoints:
+            found = profiles.setdefault((role, endpoint.topic_name), [])
+            found.append(_qos(endpoint.qos_profile))
     actions = get_action_server_names_and_types_by_node(node, *own)
     for role, named in (
         ('publishes', node.get_publisher_names_and_types_by_node(*own)),
@@ -273,8 +273,7 @@ def _topics(node: Node) -> Iterator[Topic]:
         for name, kinds in named:
             if '/_action/' not in name:
                 (kind,) = kinds
-                profile = profiles.get((role, name))
-                qos = '' if profile is None else _qos(profile)
+                qos = '; '.join(profiles.get((role, name), []))
                 yield Topic(_relative(name, node.get_name()), kind, role, qos)
 
 

@@ -1,5 +1,6 @@
 """Node `replay`: a bag through controller nodes, which answer as in-process."""
 
+from collections.abc import Callable
 import json
 from pathlib import Path
 import signal
@@ -49,11 +50,16 @@ def over_ros(
     controller: str,
     space: str,
     node: dict[str, Any],
+    is_ready: Callable[[], bool] = lambda: True,
     **parameters: Any,
 ) -> dict[str, Any]:
-    """Replay a bag through a controller node; return the result that is printed."""
+    """Replay a bag through a controller node; return the result that is printed.
+
+    The replay begins when the node is there and `is_ready`.
+    """
     remapped = ('-r', f'__ns:=/{space}')
     graph.start(controller, node, *remapped)
+    graph.until(is_ready, f'what {space} needs')
     process = graph.start('replay', {'bag': bag, **parameters}, *remapped)
     graph.until(lambda: process.status is not None, 'the end of the replay')
     assert process.status == 0, process.log
@@ -107,11 +113,22 @@ def test_a_real_camera_is_answered_packet_by_packet(
     """As in-process, bit for bit, with the stamps of steps of 50 ms."""
     space = f'{controller}_{how["mode"]}'
     got: list[WheelVelocities] = []
-    graph.node.create_subscription(WheelVelocities, f'/{space}/wheel_velocities', got.append, 1000)
+    answers_of = graph.node.create_subscription(
+        WheelVelocities, f'/{space}/wheel_velocities', got.append, 1000
+    )
     node = {'seed': SEED, 'use_lane_state': 'false', 'reliability': 'best_effort'}
     if how['mode'] == 'lockstep':
         del node['reliability']
-    result = over_ros(graph, camera_bag, controller, space, node, **how)
+    # In real time nobody waits for an observer: it is there before the first packet.
+    result = over_ros(
+        graph,
+        camera_bag,
+        controller,
+        space,
+        node,
+        lambda: answers_of.get_publisher_count() == 1,
+        **how,
+    )
     assert (result['agreement'], result['observations']) == (None, 25)
     assert (result['events']['on'], result['events']['off']) == (41439, 41030)
     assert result['unfinished'] == {'packets': 0, 'events': 80}
