@@ -269,11 +269,11 @@ def test_a_cluster_gives_the_same_results_though_a_worker_is_killed(
 ) -> None:
     """Ray on this machine with two workers, both at work; the run of the one killed goes on."""
     pytest.importorskip('ray')
+    # Long enough to be at work when the other worker begins, however late Ray starts it.
     other = """
   - controllers: [braitenberg]
     robots: [kinematic]
-    variants: {short: {simulator.episode.max_steps: 130}}
-    tasks: [evaluate]
+    tasks: {evaluate: {seeds: 20}}
 """
     matrix = TINY.replace('\n  controllers', '\n  - controllers').splitlines()
     block = [
